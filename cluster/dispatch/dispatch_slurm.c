@@ -163,7 +163,8 @@ static int look(struct dispatch *d, struct err *err)
 
 struct array {
 	unsigned phase;
-	uint32_t offset, n, arrays;
+	uint32_t offset, n;
+	uint32_t most; /* of its tasks at once; 0: any */
 	struct dispatch_need need;
 	char list[LIST_SIZE];
 };
@@ -238,7 +239,7 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 		"sbatch",    "--parsable", "--requeue",        "--open-mode=append", "--kill-on-invalid-dep=yes",
 		"--nodes=1", "--ntasks=1", "--cpus-per-task=1"};
 	const char *const given[3][2] = {{"partition", d->o.partition}, {"account", d->o.account}, {"qos", d->o.qos}};
-	unsigned n = 8, most = d->o.most;
+	unsigned n = 8;
 	int r;
 
 	while (d->o.extra && d->o.extra[extra])
@@ -252,9 +253,7 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 	memcpy(argv, own_words, sizeof own_words);
 	name_of(d, a->phase, a->offset, own, sizeof own);
 	argv[n++] = option(name, sizeof name, "job-name", own);
-	if (most)
-		most = (most + a->arrays - 1) / a->arrays;
-	snprintf(list, sizeof list, most ? "--array=%s%%%u" : "--array=%s", a->list, most);
+	snprintf(list, sizeof list, a->most ? "--array=%s%%%u" : "--array=%s", a->list, a->most);
 	argv[n++] = list;
 	dispatch_pattern(d->o.work, pattern, sizeof pattern);
 	if (a->offset)
@@ -349,10 +348,37 @@ static void make_array(const struct dispatch *d, unsigned phase, const uint32_t 
 
 	*ret = (struct array){.phase = phase};
 	ret->offset = (uint32_t)(index[0] / s->array_most * s->array_most);
-	ret->arrays = (uint32_t)((d->phase[phase].tasks + s->array_most - 1) / s->array_most);
 	while (last < n && last < most && index[last] < ret->offset + s->array_most)
 		last++;
 	ret->n = dispatch_ranges(index, last, ret->offset, ret->list, sizeof ret->list);
+}
+
+/* Options.most is of the run, and Slurm keeps it for one array: what is submitted has its share of what is not used. */
+struct share {
+	uint32_t arrays; /* that may be submitted now */
+	uint32_t most;   /* tasks of each at once; 0: any */
+};
+
+static int make_share(const struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct share *ret,
+		      struct err *err)
+{
+	const struct slurm *s = d->own;
+	uint32_t live = 0;
+
+	*ret = (struct share){UINT32_MAX, 0};
+	if (!d->o.most)
+		return 0;
+	for (uint32_t i = 0; i < d->phase[phase].tasks; i++)
+		live += lives(d->task[phase][i].state);
+	if (live >= d->o.most)
+		return err_set(err, ERR_BUSY, "%u tasks of phase %s wait or run, and --max-tasks allows no more now", live,
+			       d->phase[phase].name);
+	ret->arrays = n != 0;
+	for (uint32_t k = 1; k < n; k++)
+		ret->arrays += index[k] / s->array_most != index[k - 1] / s->array_most;
+	ret->most = (d->o.most - live) / (ret->arrays ? ret->arrays : 1);
+	ret->most += !ret->most; /* an array has one at least */
+	return 0;
 }
 
 static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
@@ -360,11 +386,19 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 {
 	struct array *a = malloc(sizeof *a);
 	uint32_t at = 0, job, most = UINT32_MAX;
+	struct share share;
 	int r = a ? ask_array_size(d, err) : err_set(err, ERR_NOMEM, "no memory for a list of tasks");
 
+	if (!r)
+		r = make_share(d, phase, index, n, &share, err);
 	while (!r && at < n) {
+		if (!share.arrays) {
+			r = err_set(err, ERR_BUSY, "--max-tasks allows no more tasks of phase %s now", d->phase[phase].name);
+			break;
+		}
 		make_array(d, phase, index + at, n - at, most, a);
 		a->need = *need;
+		a->most = share.most;
 		r = submit_array(d, a, index[at], &job, err);
 		if (r && dispatch_is_full(err)) {
 			/* Fewer may fit; the rest is for later. */
@@ -382,6 +416,7 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 		if (!r && !note_job(d->own, phase, job))
 			r = err_set(err, ERR_NOMEM, "no memory for the list of jobs");
 		at += a->n;
+		share.arrays--;
 	}
 	free(a);
 	return r;

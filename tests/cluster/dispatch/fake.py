@@ -56,7 +56,7 @@ def check(what, cond, detail=""):
 class Work:
     """`states`: of a task as "a-0", one a submission; then it is done."""
 
-    def __init__(self, base, states=None, queue=(), stubborn=(), ends=(), name=None):
+    def __init__(self, base, states=None, queue=(), stubborn=(), ends=(), array=1001, name=None):
         self.path = os.path.join(base, name) if name else tempfile.mkdtemp(dir=base)
         for d in ("log", "done", "bin"):
             os.makedirs(os.path.join(self.path, d))
@@ -65,7 +65,7 @@ class Work:
                 f.write(FAKE)
             os.chmod(f.name, 0o755)
         with open(self.path + "/bin/state.json", "w") as f:
-            json.dump({"calls": [], "queue": [list(q) for q in queue], "states": states or {}, "job": 100, "array": 1001, "stubborn": list(stubborn), "ends": list(ends)}, f)
+            json.dump({"calls": [], "queue": [list(q) for q in queue], "states": states or {}, "job": 100, "array": array, "stubborn": list(stubborn), "ends": list(ends)}, f)
 
     def run(self, command, *phases, **env):
         p = subprocess.run([RUN, "slurm", self.path, "77", "/task", "0.1", command, *phases], capture_output=True, text=True, timeout=60,
@@ -130,6 +130,21 @@ def environment(base):
     check("many options", status == 0 and w.calls("sbatch")[0][-100:] == ["--comment=%d" % k for k in range(100)], out)
 
 
+def most(base):
+    """--max-tasks is of the run: what is submitted again has what is left, or waits."""
+    queue = [["60", str(k), "RUNNING", "None", "acut-77-a"] for k in range(3)]
+    w = Work(base, queue=queue)
+    status, out = w.run("submit", "a=9", "b=2", DISPATCH_MOST="5")
+    check("what is left", status == 0 and w.submitted("array") == [("3-8%2",), ("0-1%5",)], "%s %s" % (w.submitted("array"), out))
+    w = Work(base, queue=queue)
+    status, out = w.run("submit", "a=9", "b=2", DISPATCH_MOST="3")
+    check("nothing is left", status == 1 and w.submitted("array") == [] and "no more now" in out, "%s %s" % (w.submitted("array"), out))
+    for n, wanted in (("7", "%2"), ("2", "%1")):
+        w = Work(base, array=10)
+        status, out = w.run("submit", "a=30", DISPATCH_MOST=n)
+        check("several arrays", status == 0 and w.submitted("array") == [("0-9" + wanted,)] * 3, "%s %s" % (w.submitted("array"), out))
+
+
 def owner(base):
     w = Work(base)
     w.run("show", "a=1", DISPATCH_USER="4321")
@@ -137,7 +152,7 @@ def owner(base):
 
 
 with tempfile.TemporaryDirectory() as base:
-    for part in (limits, attempts, cancel, environment, owner):
+    for part in (limits, attempts, cancel, environment, most, owner):
         if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
             part(base)
 raise SystemExit(1 if failed else 0)
