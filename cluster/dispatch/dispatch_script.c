@@ -96,6 +96,9 @@ static int check_file(const char *path, struct err *err)
 
 static int check(const char *work, const char *script, struct err *err)
 {
+	if (dispatch_path_has(work, '\n'))
+		return err_set(err, ERR_USAGE,
+			       "a script has a command a line: the path of the work folder may have no line feed");
 	return script ? check_file(script, err) : 0;
 }
 

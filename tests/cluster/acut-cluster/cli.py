@@ -2,6 +2,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -56,6 +57,7 @@ def refusals(base):
     expect(["mesh", survey, "-o", out, *new, "--script", "x"], 2, "--script is for --on script")
     expect(["mesh", survey, "-o", out, *new[:2], "--on", "slurm", "--no-config"], 69, "there is no program sbatch here", "--on local")
     expect(["mesh", survey, "-o", out, "--work", base + "/a\\b", "--on", "slurm", "--no-config"], 2, "a backslash in its path")
+    expect(["mesh", survey, "-o", out, "--work", base + "/a\nb", "--on", "script", "--no-config"], 2, "no line feed")
     expect(["mesh", survey, "-o", "-", *new], 2, "standard output is no output of a cluster")
     expect(["mesh", survey, "-o", survey, *new], 2, "one of the inputs")
     expect(["mesh", survey, "-o", base + "/m.foo", *new], 2, "does not give a format")
@@ -125,6 +127,18 @@ def scripts(base):
     expect(["resume", work, "--script", script], 0)
     with open(script) as f:
         check("written again", f.read() == text and os.access(script, os.X_OK))
+    # The recipe of the page, with a parallel of our own: all commands in their order.
+    recipe = page("acut-cluster.1.scd").split("For GNU parallel:")[1].split("```")[1]
+    os.mkdir(base + "/recipe")
+    with open(base + "/recipe/parallel", "w") as f:
+        f.write("#!/bin/sh\ncat >>ran\n")
+    os.chmod(f.name, 0o755)
+    with open(base + "/recipe/script", "w") as f:
+        f.write("".join("# phase p%d: 1 tasks\n'task' %d\n" % (k, k) for k in range(12)))
+    subprocess.run(["sh", "-e", "-c", recipe], cwd=base + "/recipe", env={**os.environ, "PATH": base + "/recipe:" + os.environ["PATH"]}, check=True)
+    with open(base + "/recipe/ran") as f:
+        check("the recipe", f.read() == "".join("'task' %d\n" % k for k in range(12)))
+    shutil.rmtree(base + "/recipe")
     check("nothing else is left", sorted(os.listdir(base)) == ["a.xyz", "s", "w"], str(os.listdir(base)))
 
 
