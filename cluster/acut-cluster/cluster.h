@@ -114,6 +114,7 @@ struct cluster_run {
 	struct work *work;
 	char *folder; /* of it, absolute */
 	char id[20];
+	uid_t owner; /* of the run: who may submit it, and whose jobs are its */
 	struct work_input *input;
 	size_t ninput;
 	struct cluster_size size;
@@ -121,8 +122,11 @@ struct cluster_run {
 	char task[PATH_MAX], script[PATH_MAX]; /* the program of its tasks; the file of --on script */
 	enum work_phase phase[WORK_PHASES];    /* of the phases that it has, in order */
 	unsigned nphase;
+	bool submits; /* CLUSTER_SUBMITS */
 	uint64_t begun_ns;
 };
+/* Numbers that are too large. -ERR_USAGE. */
+int cluster_limits(const struct cluster_options *, struct err *err);
 /* Opens a work folder. `script`: the file that the scheduler "script" writes, "": that in the folder; NULL: none. */
 enum cluster_open { CLUSTER_LOOKS, CLUSTER_SUBMITS };
 int cluster_run_open(struct program *, const char *folder, enum cluster_open, const char *script, struct cluster_run *ret,
@@ -132,6 +136,8 @@ void cluster_run_close(struct cluster_run *);
 int cluster_run_go(struct cluster_run *);
 /* Waits until it is done. Exit status. */
 int cluster_run_wait(struct cluster_run *);
+/* Says that it was cancelled. Exit status. */
+int cluster_run_cancelled(struct cluster_run *);
 bool cluster_run_done(const struct cluster_run *);
 /* What its last phase has reported, for people or as JSON. */
 void cluster_run_result(struct cluster_run *);

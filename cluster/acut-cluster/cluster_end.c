@@ -15,9 +15,7 @@ int cluster_wait_run(struct program *p)
 	if (cluster_run_open(p, p->line.word[0], CLUSTER_SUBMITS, NULL, &r, &err))
 		return session_error(&p->session, &err);
 	if (work_cancelled(r.work)) {
-		err_set(&err, ERR_CANCELLED, "the run was cancelled");
-		err_add_hint(&err, "to go on: acut-cluster resume %s", r.folder);
-		status = console_error(&p->session.console, &err);
+		status = cluster_run_cancelled(&r);
 	} else {
 		status = cluster_run_wait(&r);
 	}

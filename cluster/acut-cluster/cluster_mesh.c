@@ -141,7 +141,9 @@ static int check_run(const struct program *own, const struct program *p, struct 
 	}
 	if (p->opt.script && strcmp(own->opt.on, "script"))
 		return err_set(err, ERR_USAGE, "--script is for --on script");
-	return dispatch_check(own->opt.on, err);
+	if (cluster_limits(&own->opt, err))
+		return -(int)err->code;
+	return dispatch_check(own->opt.on, p->opt.work, p->opt.script, err);
 }
 
 /* ---- the run ---- */

@@ -14,7 +14,7 @@
 #include "parse.h"
 
 static const double HOUR_S = 3600;
-enum { TIMES = 10 };
+enum { TIMES = 10, ATTEMPTS_MOST = 100, TASKS_MOST = 1000000 };
 
 /* ---- opening ---- */
 
@@ -57,7 +57,7 @@ static bool is_stopped(void *ctx)
 {
 	struct cluster_run *r = ctx;
 
-	return session_interrupted(&r->program->session) != 0;
+	return session_interrupted(&r->program->session) != 0 || (r->submits && work_cancelled(r->work));
 }
 
 static void note(void *ctx, const char *text)
@@ -98,6 +98,15 @@ static void take_over(const struct cluster_options *from, struct cluster_options
 		to->sbatch = from->sbatch;
 }
 
+int cluster_limits(const struct cluster_options *o, struct err *err)
+{
+	if (o->attempts > ATTEMPTS_MOST)
+		return err_set(err, ERR_USAGE, "--attempts is at most %d", ATTEMPTS_MOST);
+	if (o->max_tasks > TASKS_MOST)
+		return err_set(err, ERR_USAGE, "--max-tasks is at most %d", TASKS_MOST);
+	return 0;
+}
+
 static double time_of(const struct cluster_options *o)
 {
 	const double tasks = TIMES * o->task_seconds;
@@ -116,11 +125,11 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 				     .phase = phase,
 				     .most = (unsigned)o->max_tasks,
 				     .attempts = (unsigned)o->attempts,
+				     .user = (unsigned)r->owner,
 				     .partition = o->partition,
 				     .account = o->account,
 				     .qos = o->qos,
 				     .extra = o->sbatch.n ? o->sbatch.text : NULL,
-				     .looks = how == CLUSTER_LOOKS,
 				     .ctx = r,
 				     .done = is_done,
 				     .stop = is_stopped,
@@ -145,7 +154,23 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 	return dispatch_new(o->on, &d, &r->dispatch, err);
 }
 
-static int open_work(struct cluster_run *r, const char *folder, struct err *err)
+/* Jobs have the rights of who submits them, and the words of a run name files: nobody else may submit it. */
+static int check_owner(struct cluster_run *r, enum cluster_open how, struct err *err)
+{
+	struct stat st;
+
+	if (fstatat(work_fd(r->work), "acut-work", &st, 0)) {
+		err_sys(err, errno, "the owner of the run cannot be found");
+		return err_add_file(err, r->folder);
+	}
+	r->owner = st.st_uid;
+	if (how == CLUSTER_LOOKS || r->owner == geteuid())
+		return 0;
+	err_set(err, ERR_PERM, "the run belongs to the user %u, who alone may submit it", (unsigned)r->owner);
+	return err_add_hint(err, "show, cancel and clean are for anybody who may read or change %s", r->folder);
+}
+
+static int open_work(struct cluster_run *r, const char *folder, enum cluster_open how, struct err *err)
 {
 	const struct work_about *about;
 	int e = work_open(folder, &r->work, err);
@@ -157,6 +182,9 @@ static int open_work(struct cluster_run *r, const char *folder, struct err *err)
 		err_sys(err, errno, "the folder has no path");
 		return err_add_file(err, folder);
 	}
+	e = check_owner(r, how, err);
+	if (e)
+		return e;
 	about = work_about(r->work);
 	snprintf(r->id, sizeof r->id, "%08llx", (unsigned long long)(about->id & 0xffffffff));
 	return cluster_words_parse(about->word, about->nword, &r->own, err);
@@ -170,12 +198,15 @@ int cluster_run_open(struct program *p, const char *folder, enum cluster_open ho
 	char log[PATH_MAX];
 	int e;
 
-	*r = (struct cluster_run){.program = p, .begun_ns = clock_mono_ns()};
+	*r = (struct cluster_run){.program = p, .submits = how == CLUSTER_SUBMITS, .begun_ns = clock_mono_ns()};
 	r->own.session.console = p->session.console;
-	e = open_work(r, folder, err);
+	e = open_work(r, folder, how, err);
 	if (!e) {
 		about = work_about(r->work);
 		take_over(&p->opt, &r->own.opt);
+		e = cluster_limits(&r->own.opt, err);
+	}
+	if (!e) {
 		e = work_inputs(r->work, &r->input, &r->ninput, err);
 	}
 	if (!e)
@@ -248,6 +279,15 @@ static void submitted_json(struct cluster_run *r)
 	free(job);
 }
 
+int cluster_run_cancelled(struct cluster_run *r)
+{
+	struct err err = ERR_INIT;
+
+	err_set(&err, ERR_CANCELLED, "the run was cancelled");
+	err_add_hint(&err, "to go on: acut-cluster resume %s", r->folder);
+	return console_error(&r->program->session.console, &err);
+}
+
 int cluster_run_wait(struct cluster_run *r)
 {
 	struct session *s = &r->program->session;
@@ -258,6 +298,10 @@ int cluster_run_wait(struct cluster_run *r)
 	if (!e) {
 		cluster_run_result(r);
 		return 0;
+	}
+	if (work_cancelled(r->work)) {
+		err_clear(&err);
+		return cluster_run_cancelled(r);
 	}
 	if (e == DISPATCH_E_STOPPED) {
 		console_note(&s->console,

@@ -6,12 +6,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "clock.h"
 #include "dispatch_priv.h"
 #include "err.h"
 
-enum { ATTEMPTS = 3 };
+enum { ATTEMPTS = 3, LEVELS = 16 };
 static const double POLL_S = 10, PATIENCE_S = 120, TIME_S = 3600, STEP_S = 0.1;
 
 static const struct dispatch_scheduler *const schedulers[] = {&dispatch_slurm, &dispatch_local, &dispatch_script};
@@ -34,13 +35,13 @@ static int no_scheduler(const char *name, struct err *err)
 	return err_set(err, ERR_USAGE, "there is no scheduler \"%.40s\": slurm, local or script", name);
 }
 
-int dispatch_check(const char *name, struct err *err)
+int dispatch_check(const char *name, const char *work, const char *script, struct err *err)
 {
 	const struct dispatch_scheduler *on = find(name);
 
 	if (!on)
 		return no_scheduler(name, err);
-	return on->check ? on->check(err) : 0;
+	return on->check ? on->check(work, script, err) : 0;
 }
 
 const char *dispatch_why_text(enum dispatch_why why)
@@ -109,6 +110,15 @@ struct dispatch *dispatch_free(struct dispatch *d)
 		free(d->task[i]);
 	free(d);
 	return NULL;
+}
+
+bool dispatch_path_has(const char *path, char byte)
+{
+	char here[4096] = "";
+
+	if (path[0] != '/' && !getcwd(here, sizeof here))
+		here[0] = 0;
+	return strchr(path, byte) || strchr(here, byte);
 }
 
 void dispatch_note(struct dispatch *d, const char *fmt, ...)
@@ -235,6 +245,14 @@ uint32_t *dispatch_jobs(const struct dispatch *d, size_t *ret_n)
 	return job;
 }
 
+/* An attempt that was submitted to wait for the phase before is one from now on. */
+static void has_begun(struct dispatch_task *t)
+{
+	if (t->hangs && t->tries < UINT8_MAX)
+		t->tries++;
+	t->hangs = false;
+}
+
 /* The scheduler first: a task that ends in between has its record when that is read. */
 int dispatch_look(struct dispatch *d, struct err *err)
 {
@@ -246,6 +264,8 @@ int dispatch_look(struct dispatch *d, struct err *err)
 			struct dispatch_task *t = &d->task[p][i];
 			const bool there = t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING;
 
+			if (t->state == DISPATCH_RUNNING)
+				has_begun(t);
 			/* One that waits has no record, but for a look at another attempt: it will be done at once. */
 			if (!t->done && !(t->state == DISPATCH_WAITING && t->seen))
 				t->done = d->o.done(d->o.ctx, p, i);
@@ -280,6 +300,21 @@ static void refine(const struct dispatch_log *log, struct dispatch_task *t)
 		t->status = log->status > 128 ? log->status - 128 : log->status;
 }
 
+/* Of a task that has no record: did what was submitted begin, or was it dropped? */
+static void read_log(struct dispatch *d, unsigned p, uint32_t i, struct dispatch_log *ret)
+{
+	struct dispatch_task *t = &d->task[p][i];
+	bool known = dispatch_log_read(d, p, i, ret), begun = known && ret->begun > t->begun;
+
+	if (t->state == DISPATCH_ENDED)
+		begun = t->why != DISPATCH_WHY_DEPENDENCY && t->why != DISPATCH_WHY_CANCELLED;
+	if (begun)
+		has_begun(t);
+	if (begun && known)
+		refine(ret, t);
+	t->logged = known ? ret->begun : t->logged;
+}
+
 static int failed(const struct dispatch *d, unsigned p, uint32_t i, const struct dispatch_log *log, struct err *err)
 {
 	const struct dispatch_task *t = &d->task[p][i];
@@ -310,11 +345,11 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	*ret = false;
 	if (t->done || t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING)
 		return 0;
-	if (!t->seen || t->why == DISPATCH_WHY_DEPENDENCY || (!first && !t->tries)) {
+	if (!t->seen || t->why == DISPATCH_WHY_DEPENDENCY || (!first && !t->tries && t->state != DISPATCH_ENDED)) {
 		/* It never was there, or a scheduler has dropped it with the phase before. */
 		*ret = !d->submitted || t->state == DISPATCH_ENDED || !d->on->never_lost;
-		if (*ret && dispatch_log_read(d, p, i, &log))
-			refine(&log, t);
+		if (*ret)
+			read_log(d, p, i, &log);
 		return 0;
 	}
 	if (patient && first && t->why == DISPATCH_WHY_CANCELLED) {
@@ -324,8 +359,7 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	if (t->why == DISPATCH_WHY_NONE && patient && d->on->late &&
 	    clock_since(d->begun_ns) - (t->missing_s - 1) < d->o.patience)
 		return 0;
-	dispatch_log_read(d, p, i, &log);
-	refine(&log, t);
+	read_log(d, p, i, &log);
 	if (d->submitted && (t->tries >= d->o.attempts || repeats_itself(t)))
 		return failed(d, p, i, &log, err);
 	if (t->tries && t->why != DISPATCH_WHY_CANCELLED)
@@ -335,10 +369,70 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	return 0;
 }
 
-static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient, uint32_t *list, uint32_t *ret_n,
-			struct err *err)
+/* How often a task had too little, with the attempt that has just ended. */
+static void levels(const struct dispatch_task *t, unsigned *ret_memory, unsigned *ret_time)
 {
-	bool memory = false, time = false;
+	*ret_memory = t->memory + (t->why == DISPATCH_WHY_MEMORY && t->memory < LEVELS);
+	*ret_time = t->time + (t->why == DISPATCH_WHY_TIME && t->time < LEVELS);
+}
+
+/* The same again would fail again. */
+static struct dispatch_need need_of(const struct dispatch_phase *phase, unsigned memory, unsigned time)
+{
+	struct dispatch_need need = {phase->memory, phase->time};
+
+	for (; memory; memory--)
+		need.memory += need.memory / 2;
+	for (; time; time--)
+		need.time *= 2;
+	return need;
+}
+
+static void was_submitted(struct dispatch_task *t, bool first)
+{
+	unsigned memory, time;
+
+	levels(t, &memory, &time);
+	t->memory = (uint8_t)memory;
+	t->time = (uint8_t)time;
+	/* One that has to wait for the phase before is no attempt yet, if it is dropped. */
+	t->tries = (uint8_t)(t->tries + (first && t->tries < UINT8_MAX));
+	t->hangs = !first;
+	t->begun = t->logged;
+	t->why = DISPATCH_WHY_NONE;
+	t->status = 0;
+	t->seen = true;
+	t->missing_s = 0;
+}
+
+/* Those that need as much as the first of the list, which are taken out of it. */
+static int submit_alike(struct dispatch *d, unsigned p, bool first, uint32_t *list, uint32_t *n, uint32_t *alike, struct err *err)
+{
+	unsigned memory, time, m, t;
+	uint32_t kept = 0, taken = 0;
+	struct dispatch_need need;
+	int r;
+
+	levels(&d->task[p][list[0]], &memory, &time);
+	for (uint32_t k = 0; k < *n; k++) {
+		levels(&d->task[p][list[k]], &m, &t);
+		if (m == memory && t == time)
+			alike[taken++] = list[k];
+		else
+			list[kept++] = list[k];
+	}
+	*n = kept;
+	need = need_of(&d->phase[p], memory, time);
+	r = d->on->submit(d, p, alike, taken, &need, err);
+	for (uint32_t k = 0; k < taken; k++)
+		if (d->task[p][alike[k]].state == DISPATCH_WAITING)
+			was_submitted(&d->task[p][alike[k]], first);
+	return r;
+}
+
+/* `list`: room for twice the tasks of the phase. */
+static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient, uint32_t *list, struct err *err)
+{
 	uint32_t n = 0;
 	int r = 0;
 
@@ -349,43 +443,25 @@ static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient
 		if (r || !lost)
 			continue;
 		list[n++] = i;
-		memory |= d->task[p][i].why == DISPATCH_WHY_MEMORY;
-		time |= d->task[p][i].why == DISPATCH_WHY_TIME;
 	}
-	/* The same again would fail again. */
-	d->phase[p].memory += memory ? d->phase[p].memory / 2 : 0;
-	d->phase[p].time *= time ? 2 : 1;
-	if (!r && n)
-		r = d->on->submit(d, p, list, n, err);
-	for (uint32_t k = 0; k < n; k++) {
-		struct dispatch_task *t = &d->task[p][list[k]];
-
-		if (t->state != DISPATCH_WAITING)
-			continue;
-		/* One that has to wait for the phase before is no attempt yet, if it is dropped. */
-		t->tries = (uint8_t)(t->tries + (first && t->tries < UINT8_MAX));
-		t->why = DISPATCH_WHY_NONE;
-		t->status = 0;
-		t->seen = true;
-		t->missing_s = 0;
-	}
-	*ret_n += n;
+	while (!r && n)
+		r = submit_alike(d, p, first, list, &n, list + d->phase[p].tasks, err);
 	return r;
 }
 
 int dispatch_submit(struct dispatch *d, bool patient, struct err *err)
 {
-	uint32_t *list = NULL, most = 0, n = 0;
+	uint32_t *list = NULL, most = 0;
 	bool first = true;
 	int r = 0;
 
 	for (unsigned p = 0; p < d->o.nphase; p++)
 		most = d->phase[p].tasks > most ? d->phase[p].tasks : most;
-	list = malloc((most + 1u) * sizeof *list);
+	list = malloc((2 * (size_t)most + 1) * sizeof *list);
 	if (!list)
 		return err_set(err, ERR_NOMEM, "no memory for a list of tasks");
 	for (unsigned p = 0; p < d->o.nphase && !r; p++) {
-		r = submit_phase(d, p, first, patient, list, &n, err);
+		r = submit_phase(d, p, first, patient, list, err);
 		first = first && dispatch_phase_done(d, p);
 	}
 	free(list);

@@ -35,9 +35,9 @@ struct dispatch_options {
 	unsigned attempts;                     /* of a task; 0: 3 */
 	double poll;                           /* seconds between two questions to a scheduler; 0: 10 */
 	double patience;                       /* seconds that a record may take to become visible here; 0: 120 */
+	unsigned user;                         /* whose the run is: its tasks are looked for under this uid */
 	const char *partition, *account, *qos; /* NULL: the scheduler's */
 	const char *const *extra;              /* more options of the scheduler's command, a NULL ends them; NULL: none */
-	bool looks;                            /* nothing will be submitted: tasks that other processes run are found, too */
 	const char *script;                    /* of "script": the file to write, absolute */
 
 	void *ctx;
@@ -69,20 +69,24 @@ enum dispatch_why {
 const char *dispatch_why_text(enum dispatch_why);
 
 struct dispatch_task {
-	uint8_t state, why; /* enum dispatch_state, dispatch_why */
-	uint8_t tries;      /* submissions by this process of attempts that could begin */
-	bool done, seen;    /* seen: submitted by this process, or once in the scheduler's list */
-	int status;         /* with DISPATCH_WHY_STATUS and _SIGNAL: the exit status or signal; 0: unknown */
+	uint8_t state, why;   /* enum dispatch_state, dispatch_why */
+	uint8_t tries;        /* submissions by this process of attempts that could begin, or have begun */
+	uint8_t memory, time; /* attempts of this process that had too little of it */
+	bool hangs;           /* submitted to wait for the phase before, and not known to have begun */
+	bool done, seen;      /* seen: submitted by this process, or once in the scheduler's list */
+	int status;           /* with DISPATCH_WHY_STATUS and _SIGNAL: the exit status or signal; 0: unknown */
 	uint32_t job;
-	uint32_t missing_s; /* second of this process in which it was found to be missing; 0: it was not */
+	uint32_t begun, logged; /* attempts in its log before the last submission, and when it was read last */
+	uint32_t missing_s;     /* second of this process in which it was found to be missing; 0: it was not */
 };
 
 struct dispatch;
 
 /* The row of that name exists. */
 bool dispatch_is_scheduler(const char *name);
-/* Whether it can be used on this machine. -ERR_NODAEMON, -ERR_USAGE. */
-int dispatch_check(const char *scheduler, struct err *err);
+/* Whether it can be used on this machine, for a work folder of that name. `script`: the file that "script" will write; NULL: one
+ * in the folder. -ERR_NODAEMON, -ERR_USAGE, -ERR_CONFLICT. */
+int dispatch_check(const char *scheduler, const char *work, const char *script, struct err *err);
 /* "slurm", "local", "script". The texts of options are borrowed, phases are copied. -ERR_USAGE, -ERR_NOMEM. */
 int dispatch_new(const char *scheduler, const struct dispatch_options *, struct dispatch **ret, struct err *err);
 struct dispatch *dispatch_free(struct dispatch *); /* local: ends its tasks */

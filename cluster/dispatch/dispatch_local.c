@@ -19,7 +19,7 @@
 #include "err.h"
 
 enum { NO_PROGRAM = 127, MOST = 1024, STEP_MS = 100 };
-static const double END_S = 10;
+static const double END_S = 10, LOOK_S = 2;
 
 struct child {
 	pid_t pid;
@@ -32,6 +32,8 @@ struct local {
 	struct child *child;
 	unsigned n, most;
 	unsigned at[DISPATCH_PHASES]; /* no task before this one waits */
+	pid_t other;                  /* another process that drives the run: this one only watches; 0: none */
+	uint64_t looked_ns;           /* when it was looked for; 0: never */
 };
 
 /* One a processor, and as many as fit into three quarters of the memory. */
@@ -169,7 +171,7 @@ static int fill(struct dispatch *d, struct err *err)
 	uint32_t index;
 	int r = 0;
 
-	while (!r && l->n < l->most && !(d->o.stop && d->o.stop(d->o.ctx)) && next(d, &phase, &index))
+	while (!r && !l->other && l->n < l->most && !(d->o.stop && d->o.stop(d->o.ctx)) && next(d, &phase, &index))
 		r = start(d, phase, index, err);
 	return r;
 }
@@ -210,39 +212,89 @@ static void reap(struct dispatch *d)
 	}
 }
 
-/* Tasks of another driver: an attempt that has begun and not ended, whose driver lives. If there is one, all else waits for it.
- */
+/* ---- another driver ---- */
+
+/* A process of that number is no driver if it has the number by chance. */
+static bool name_and_state(pid_t pid, char name[64], char *ret_state)
+{
+	char path[40], text[200], *from, *to;
+	ssize_t n;
+	int fd;
+
+	snprintf(path, sizeof path, "/proc/%d/stat", (int)pid);
+	fd = open(path, O_RDONLY | O_CLOEXEC);
+	n = fd >= 0 ? read(fd, text, sizeof text - 1) : -1;
+	if (fd >= 0)
+		close(fd);
+	text[n > 0 ? n : 0] = 0;
+	from = strchr(text, '(');
+	to = strrchr(text, ')');
+	if (!from || !to || to < from || to[1] != ' ' || to - from > 63)
+		return false;
+	*to = 0;
+	strcpy(name, from + 1);
+	*ret_state = to[2];
+	return true;
+}
+
+static bool driver_lives(pid_t pid)
+{
+	char name[64], own[64], state, own_state;
+
+	return pid && pid != getpid() && name_and_state(pid, name, &state) && state != 'Z' && state != 'X' &&
+	       name_and_state(getpid(), own, &own_state) && !strcmp(name, own);
+}
+
+/* A driver that began an attempt and lives goes on with the run, also between two tasks: all else waits for it. */
 static void look_at_logs(struct dispatch *d)
 {
+	struct local *l = d->own;
 	char host[64] = "";
-	bool any = false;
+	int dead = 0;
 
 	gethostname(host, sizeof host - 1);
+	l->other = 0;
 	for (unsigned p = 0; p < d->o.nphase; p++)
 		for (uint32_t i = 0; i < d->phase[p].tasks; i++) {
 			struct dispatch_log log;
 
-			if (!dispatch_log_read(d, p, i, &log) || !log.begun || log.ended || !log.driver ||
-			    strcmp(log.host, host) || (kill((pid_t)log.driver, 0) && errno == ESRCH))
+			d->task[p][i].state = DISPATCH_ABSENT;
+			if (!dispatch_log_read(d, p, i, &log) || !log.begun || strcmp(log.host, host) || log.driver == dead)
 				continue;
-			d->task[p][i].state = DISPATCH_RUNNING;
-			any = true;
+			if (log.driver != l->other && !driver_lives(log.driver)) {
+				dead = log.driver;
+				continue;
+			}
+			l->other = log.driver;
+			if (!log.ended)
+				d->task[p][i].state = DISPATCH_RUNNING;
 		}
-	for (unsigned p = 0; any && p < d->o.nphase; p++)
-		for (uint32_t i = 0; i < d->phase[p].tasks; i++)
-			if (d->task[p][i].state == DISPATCH_ABSENT)
-				d->task[p][i].state = DISPATCH_WAITING;
+	for (unsigned p = 0; l->other && p < d->o.nphase; p++)
+		for (uint32_t i = 0; i < d->phase[p].tasks; i++) {
+			struct dispatch_task *t = &d->task[p][i];
+
+			/* dispatch_look does not ask for the record of a task that waits. */
+			t->done = t->done || d->o.done(d->o.ctx, p, i);
+			if (t->state == DISPATCH_ABSENT && !t->done)
+				t->state = DISPATCH_WAITING;
+		}
 }
 
+/* There is another driver, or not, when this one begins; once it has begun, later ones see it. */
 static int look(struct dispatch *d, struct err *err)
 {
+	struct local *l = d->own;
+
 	reap(d);
-	if (d->o.looks)
-		look_at_logs(d);
+	if (l->looked_ns && (!l->other || (driver_lives(l->other) && clock_since(l->looked_ns) < LOOK_S)))
+		return 0;
+	look_at_logs(d);
+	l->looked_ns = clock_mono_ns();
 	return 0;
 }
 
-static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct err *err)
+static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
+		  struct err *err)
 {
 	struct local *l = d->own;
 
@@ -289,9 +341,20 @@ static void end_all(struct dispatch *d)
 static int cancel(struct dispatch *d, uint32_t *ret_n, struct err *err)
 {
 	struct local *l = d->own;
+	const uint64_t from = clock_mono_ns();
 
 	*ret_n = l->n;
 	end_all(d);
+	if (!l->other)
+		return 0;
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		*ret_n += dispatch_counts(d, p).running;
+	if (kill(l->other, SIGTERM) && errno != ESRCH)
+		return err_sys(err, errno, "the process %d, which runs the tasks, cannot be ended", (int)l->other);
+	while (driver_lives(l->other) && clock_since(from) < 2 * END_S)
+		poll(NULL, 0, STEP_MS);
+	if (driver_lives(l->other))
+		return err_set(err, ERR_BUSY, "the process %d, which runs the tasks, has not ended yet", (int)l->other);
 	return 0;
 }
 

@@ -8,16 +8,23 @@
 
 struct err;
 
+/* Of a task: what its phase has, and more if it has failed with less. */
+struct dispatch_need {
+	uint64_t memory;
+	double time;
+};
+
 struct dispatch_scheduler {
 	const char *name;
 	/* NULL: nothing to do. */
-	int (*check)(struct err *); /* whether it can be used here */
+	int (*check)(const char *work, const char *script, struct err *); /* whether it can be used here */
 	int (*begin)(struct dispatch *, struct err *);
 	void (*end)(struct dispatch *);
 	/* Sets state, why and job of tasks; all are DISPATCH_ABSENT before. */
 	int (*look)(struct dispatch *, struct err *);
-	/* Submits tasks of a phase, `n` of them, sorted. Sets job, and the state to DISPATCH_WAITING. */
-	int (*submit)(struct dispatch *, unsigned phase, const uint32_t *index, uint32_t n, struct err *);
+	/* Submits tasks of a phase that need the same, `n` of them, sorted. Sets job, and the state to DISPATCH_WAITING. */
+	int (*submit)(struct dispatch *, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *,
+		      struct err *);
 	int (*submitted)(struct dispatch *, struct err *); /* after the last phase of a turn */
 	void (*pause)(struct dispatch *);
 	int (*cancel)(struct dispatch *, uint32_t *ret_n, struct err *);
@@ -43,6 +50,8 @@ struct dispatch {
 
 void dispatch_note(struct dispatch *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 bool dispatch_phase_done(const struct dispatch *, unsigned phase); /* all its tasks */
+/* The path, made absolute, has that byte. */
+bool dispatch_path_has(const char *path, char byte);
 void dispatch_reason_count(struct dispatch *, const char *text);
 /* Waits so long, or until options.stop says so. */
 void dispatch_sleep(struct dispatch *, double seconds);
@@ -77,6 +86,11 @@ bool dispatch_job_read(const char *text, uint32_t *ret);
 void dispatch_pattern(const char *path, char *buf, size_t size);
 /* `text` as one word of a shell, quoted; to `to`. */
 void dispatch_quote(FILE *to, const char *text);
+
+/* What sbatch has said: its controller did not answer, so the job may be there or not; the user may not have more tasks. */
+bool dispatch_is_no_answer(const struct err *);
+bool dispatch_is_full(const struct err *);
+void dispatch_clear_environment(void);
 
 /* ---- logs ---- */
 

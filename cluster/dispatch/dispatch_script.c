@@ -4,6 +4,7 @@
  * is, sh runs it one task after the other, and ends at the first that fails. acut-cluster(1) has the format.
  */
 #include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -11,6 +12,10 @@
 
 #include "dispatch_priv.h"
 #include "err.h"
+
+/* By these a script is known. */
+#define FIRST "#!/bin/sh\n"
+#define SECOND "# The tasks of acut-cluster "
 
 struct script {
 	char *text;
@@ -38,15 +43,16 @@ static void end(struct dispatch *d)
 	free(s);
 }
 
-static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct err *err)
+static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
+		  struct err *err)
 {
 	struct script *s = d->own;
 	const struct dispatch_phase *p = &d->phase[phase];
 
 	if (!ftell(s->to))
-		fprintf(s->to, "#!/bin/sh\n# The tasks of acut-cluster %s, see acut-cluster(1), SCRIPT.\nset -e\n", d->o.id);
+		fprintf(s->to, FIRST SECOND "%s, see acut-cluster(1), SCRIPT.\nset -e\n", d->o.id);
 	fprintf(s->to, "# phase %s: %u tasks, %llu MiB and %.0f s each at most\n", p->name, n,
-		(unsigned long long)((p->memory + (1 << 20) - 1) >> 20), p->time);
+		(unsigned long long)((need->memory + (1 << 20) - 1) >> 20), need->time);
 	for (uint32_t i = 0; i < n; i++) {
 		dispatch_quote(s->to, d->o.task);
 		fputc(' ', s->to);
@@ -57,16 +63,68 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 	return 0;
 }
 
+static int refuse(const char *path, struct err *err)
+{
+	err_set(err, ERR_CONFLICT, "it is no script of acut-cluster, and is not overwritten");
+	err_add_file(err, path);
+	return err_add_hint(err, "--script FILE names another file");
+}
+
+/* Only a script of ours is overwritten, or an empty file. */
+static int check_file(const char *path, struct err *err)
+{
+	char text[sizeof FIRST + sizeof SECOND];
+	struct stat st;
+	ssize_t n;
+	int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+
+	if (fd < 0 && errno == ENOENT)
+		return 0;
+	if (fd < 0 || fstat(fd, &st)) {
+		err_sys(err, errno, "the script cannot be opened");
+		if (fd >= 0)
+			close(fd);
+		return err_add_file(err, path);
+	}
+	n = S_ISREG(st.st_mode) ? read(fd, text, sizeof text - 1) : -1;
+	close(fd);
+	if (n < 0)
+		return refuse(path, err);
+	text[n] = 0;
+	return !n || !strncmp(text, FIRST SECOND, strlen(FIRST SECOND)) ? 0 : refuse(path, err);
+}
+
+static int check(const char *work, const char *script, struct err *err)
+{
+	if (dispatch_path_has(work, '\n'))
+		return err_set(err, ERR_USAGE,
+			       "a script has a command a line: the path of the work folder may have no line feed");
+	return script ? check_file(script, err) : 0;
+}
+
+/* It has its name when it is complete. */
 static int write_file(const struct dispatch *d, const struct script *s, struct err *err)
 {
-	FILE *f = fopen(d->o.script, "we");
+	const char *path = d->o.script;
+	char temp[4200];
+	int fd, r = check_file(path, err);
+	FILE *f;
 
-	if (!f || fwrite(s->text, 1, s->size, f) != s->size || fflush(f) || fchmod(fileno(f), 0755) || fsync(fileno(f))) {
+	if (r)
+		return r;
+	snprintf(temp, sizeof temp, "%s.XXXXXX", path);
+	fd = mkostemp(temp, O_CLOEXEC);
+	f = fd >= 0 ? fdopen(fd, "w") : NULL;
+	if (!f || fwrite(s->text, 1, s->size, f) != s->size || fflush(f) || fchmod(fd, 0755) || fsync(fd) || rename(temp, path)) {
 		err_sys(err, errno, "the script cannot be written");
-		err_add_file(err, d->o.script);
+		err_add_file(err, path);
+		if (fd >= 0)
+			unlink(temp);
 	}
 	if (f)
 		fclose(f);
+	else if (fd >= 0)
+		close(fd);
 	return -(int)err->code;
 }
 
@@ -91,6 +149,7 @@ static void log_name(const struct dispatch *d, unsigned phase, uint32_t index, c
 
 const struct dispatch_scheduler dispatch_script = {
 	.name = "script",
+	.check = check,
 	.begin = begin,
 	.end = end,
 	.submit = submit,

@@ -12,12 +12,11 @@
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "dispatch_priv.h"
 #include "err.h"
 
-enum { LIST_SIZE = 24 << 10, WORDS = 48, AGAIN = 5 };
+enum { LIST_SIZE = 24 << 10, WORDS = 24, AGAIN = 5 };
 static const double COMMAND_S = 120;
 /* A node could not start a task, as after a restart of the controller: Slurm puts it back, and holds it. */
 static const char NOT_LAUNCHED[] = "launch failed requeued held";
@@ -32,6 +31,7 @@ struct slurm {
 
 static int begin(struct dispatch *d, struct err *err)
 {
+	dispatch_clear_environment();
 	setenv("SLURM_BITSTR_LEN", "0", 1); /* lists of indices are not shortened */
 	d->own = calloc(1, sizeof(struct slurm));
 	return d->own ? 0 : err_set(err, ERR_NOMEM, "no memory for a scheduler");
@@ -46,11 +46,14 @@ static void end(struct dispatch *d)
 	free(s);
 }
 
-static int check(struct err *err)
+static int check(const char *work, const char *script, struct err *err)
 {
 	static const char *const argv[] = {"sbatch", "--version", NULL};
-	int r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
+	int r;
 
+	if (dispatch_path_has(work, '\\'))
+		return err_set(err, ERR_USAGE, "Slurm cannot have a work folder with a backslash in its path");
+	r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
 	return r ? err_add_hint(err, "submit where Slurm is, or use --on local or --on script") : 0;
 }
 
@@ -119,7 +122,7 @@ static int look(struct dispatch *d, struct err *err)
 	const char *const argv[] = {"squeue", "-h", "-r", "-t", "all", "-u", user, "-o", "%F|%K|%T|%r|%j", NULL};
 	int r;
 
-	snprintf(user, sizeof user, "%u", (unsigned)getuid());
+	snprintf(user, sizeof user, "%u", d->o.user);
 	r = ask_array_size(d, err); /* names of logs depend on it */
 	if (!r)
 		r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
@@ -160,7 +163,9 @@ static int look(struct dispatch *d, struct err *err)
 
 struct array {
 	unsigned phase;
-	uint32_t offset, n, arrays;
+	uint32_t offset, n;
+	uint32_t most; /* of its tasks at once; 0: any */
+	struct dispatch_need need;
 	char list[LIST_SIZE];
 };
 
@@ -227,21 +232,28 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 	char name[160], pattern[4096], output[4200], folder[4200], list[LIST_SIZE + 40], memory[40], time[40], comment[4200],
 		more[3][300];
 	char own[120], *script;
+	const char **argv;
+	size_t extra = 0;
 	const struct dispatch_phase *phase = &d->phase[a->phase];
-	const char *argv[WORDS + 1] = {
+	const char *own_words[WORDS] = {
 		"sbatch",    "--parsable", "--requeue",        "--open-mode=append", "--kill-on-invalid-dep=yes",
 		"--nodes=1", "--ntasks=1", "--cpus-per-task=1"};
 	const char *const given[3][2] = {{"partition", d->o.partition}, {"account", d->o.account}, {"qos", d->o.qos}};
-	unsigned n = 8, most = d->o.most;
-	int r = script_text(d, a, &script, err);
+	unsigned n = 8;
+	int r;
 
-	if (r)
+	while (d->o.extra && d->o.extra[extra])
+		extra++;
+	argv = malloc((WORDS + extra + 1) * sizeof *argv);
+	r = argv ? script_text(d, a, &script, err) : err_set(err, ERR_NOMEM, "no memory for a submission");
+	if (r) {
+		free(argv);
 		return r;
+	}
+	memcpy(argv, own_words, sizeof own_words);
 	name_of(d, a->phase, a->offset, own, sizeof own);
 	argv[n++] = option(name, sizeof name, "job-name", own);
-	if (most)
-		most = (most + a->arrays - 1) / a->arrays;
-	snprintf(list, sizeof list, most ? "--array=%s%%%u" : "--array=%s", a->list, most);
+	snprintf(list, sizeof list, a->most ? "--array=%s%%%u" : "--array=%s", a->list, a->most);
 	argv[n++] = list;
 	dispatch_pattern(d->o.work, pattern, sizeof pattern);
 	if (a->offset)
@@ -250,9 +262,9 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 		snprintf(output, sizeof output, "--output=%s/log/%s-%%a", pattern, phase->name);
 	argv[n++] = output;
 	argv[n++] = option(folder, sizeof folder, "chdir", d->o.work);
-	snprintf(memory, sizeof memory, "--mem=%lluM", (unsigned long long)((phase->memory + (1 << 20) - 1) >> 20));
+	snprintf(memory, sizeof memory, "--mem=%lluM", (unsigned long long)((a->need.memory + (1 << 20) - 1) >> 20));
 	argv[n++] = memory;
-	snprintf(time, sizeof time, "--time=%.0f", phase->time < 60 ? 1 : (phase->time + 59) / 60);
+	snprintf(time, sizeof time, "--time=%.0f", a->need.time < 60 ? 1 : (a->need.time + 59) / 60);
 	argv[n++] = time;
 	snprintf(comment, sizeof comment, "--comment=acut-cluster %s %.4000s", phase->name, d->o.work);
 	argv[n++] = comment;
@@ -261,38 +273,13 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 	for (int i = 0; i < 3; i++)
 		if (given[i][1])
 			argv[n++] = option(more[i], sizeof more[i], given[i][0], given[i][1]);
-	for (size_t i = 0; d->o.extra && d->o.extra[i] && n < WORDS; i++)
+	for (size_t i = 0; i < extra; i++)
 		argv[n++] = d->o.extra[i];
 	argv[n] = NULL;
 	r = dispatch_command(argv, script, COMMAND_S, ret_out, err);
 	free(script);
+	free(argv);
 	return r;
-}
-
-/* Words of sbatch that mean that its controller did not answer: then the job may be there or not. */
-static bool is_no_answer(const struct err *err)
-{
-	static const char *const signs[] = {"timed out",     "Unable to contact", "Connection refused",
-					    "Temporarily",   "temporarily",       "Zero Bytes",
-					    "was killed by", "try again",         "Transport endpoint"};
-
-	if (err->code == ERR_BUSY)
-		return true;
-	for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
-		if (strstr(err->message, signs[i]))
-			return true;
-	return false;
-}
-
-/* The user may not have more tasks in the queue. */
-static bool is_full(const struct err *err)
-{
-	static const char *const signs[] = {"MaxSubmit", "MaxJobsPer", "job submit limit", "MaxTRESPer"};
-
-	for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
-		if (strstr(err->message, signs[i]))
-			return true;
-	return false;
 }
 
 /* The job of that name that has the first task of the list waiting or running; 0: there is none. */
@@ -303,7 +290,7 @@ static int find_again(struct dispatch *d, const struct array *a, uint32_t task, 
 	int r;
 
 	name_of(d, a->phase, a->offset, name, sizeof name);
-	snprintf(user, sizeof user, "%u", (unsigned)getuid());
+	snprintf(user, sizeof user, "%u", d->o.user);
 	r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
 	if (r)
 		return r;
@@ -331,7 +318,7 @@ static int submit_array(struct dispatch *d, const struct array *a, uint32_t task
 	*ret_job = 0;
 	for (int i = 0; !r; i++) {
 		r = call(d, a, after, &out, err);
-		if (!r || !is_no_answer(err) || i == AGAIN)
+		if (!r || !dispatch_is_no_answer(err) || i == AGAIN)
 			break;
 		dispatch_note(d, "%s; it is looked for by its name", err->message);
 		dispatch_sleep(d, d->o.poll);
@@ -361,22 +348,59 @@ static void make_array(const struct dispatch *d, unsigned phase, const uint32_t 
 
 	*ret = (struct array){.phase = phase};
 	ret->offset = (uint32_t)(index[0] / s->array_most * s->array_most);
-	ret->arrays = (uint32_t)((d->phase[phase].tasks + s->array_most - 1) / s->array_most);
 	while (last < n && last < most && index[last] < ret->offset + s->array_most)
 		last++;
 	ret->n = dispatch_ranges(index, last, ret->offset, ret->list, sizeof ret->list);
 }
 
-static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct err *err)
+/* Options.most is of the run, and Slurm keeps it for one array: what is submitted has its share of what is not used. */
+struct share {
+	uint32_t arrays; /* that may be submitted now */
+	uint32_t most;   /* tasks of each at once; 0: any */
+};
+
+static int make_share(const struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct share *ret,
+		      struct err *err)
+{
+	const struct slurm *s = d->own;
+	uint32_t live = 0;
+
+	*ret = (struct share){UINT32_MAX, 0};
+	if (!d->o.most)
+		return 0;
+	for (uint32_t i = 0; i < d->phase[phase].tasks; i++)
+		live += lives(d->task[phase][i].state);
+	if (live >= d->o.most)
+		return err_set(err, ERR_BUSY, "%u tasks of phase %s wait or run, and --max-tasks allows no more now", live,
+			       d->phase[phase].name);
+	ret->arrays = n != 0;
+	for (uint32_t k = 1; k < n; k++)
+		ret->arrays += index[k] / s->array_most != index[k - 1] / s->array_most;
+	ret->most = (d->o.most - live) / (ret->arrays ? ret->arrays : 1);
+	ret->most += !ret->most; /* an array has one at least */
+	return 0;
+}
+
+static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
+		  struct err *err)
 {
 	struct array *a = malloc(sizeof *a);
 	uint32_t at = 0, job, most = UINT32_MAX;
+	struct share share;
 	int r = a ? ask_array_size(d, err) : err_set(err, ERR_NOMEM, "no memory for a list of tasks");
 
+	if (!r)
+		r = make_share(d, phase, index, n, &share, err);
 	while (!r && at < n) {
+		if (!share.arrays) {
+			r = err_set(err, ERR_BUSY, "--max-tasks allows no more tasks of phase %s now", d->phase[phase].name);
+			break;
+		}
 		make_array(d, phase, index + at, n - at, most, a);
+		a->need = *need;
+		a->most = share.most;
 		r = submit_array(d, a, index[at], &job, err);
-		if (r && is_full(err)) {
+		if (r && dispatch_is_full(err)) {
 			/* Fewer may fit; the rest is for later. */
 			err->code = ERR_BUSY;
 			r = a->n > 1 ? 0 : -ERR_BUSY;
@@ -392,6 +416,7 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 		if (!r && !note_job(d->own, phase, job))
 			r = err_set(err, ERR_NOMEM, "no memory for the list of jobs");
 		at += a->n;
+		share.arrays--;
 	}
 	free(a);
 	return r;
@@ -439,20 +464,58 @@ static void pause_slurm(struct dispatch *d)
 	dispatch_sleep(d, d->o.poll);
 }
 
+static bool job_lives(const struct dispatch *d, uint32_t job)
+{
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		for (uint32_t i = 0; i < d->phase[p].tasks; i++)
+			if (d->task[p][i].job == job && lives(d->task[p][i].state))
+				return true;
+	return false;
+}
+
+/* Of jobs that scancel could not end, some have ended meanwhile. What it said of the first is the error if one still lives. */
+static int look_again(struct dispatch *d, const uint32_t *job, size_t n, struct err *err)
+{
+	struct err of_look = ERR_INIT;
+
+	dispatch_sleep(d, d->o.poll);
+	if (look(d, &of_look))
+		return -(int)err->code;
+	for (size_t i = 0; i < n; i++)
+		if (job_lives(d, job[i]))
+			return -(int)err->code;
+	err_clear(err);
+	return 0;
+}
+
+/* The last phase first, so that nothing begins meanwhile. One that cannot be cancelled keeps no other from it. */
 static int cancel(struct dispatch *d, uint32_t *ret_n, struct err *err)
 {
 	struct slurm *s = d->own;
+	size_t all = 0, nleft = 0;
+	uint32_t *left;
 	int r = 0;
 
-	for (unsigned p = d->o.nphase; p-- > 0 && !r;)
-		for (size_t i = 0; i < s->njob[p] && !r; i++) {
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		all += s->njob[p];
+	left = malloc((all + 1) * sizeof *left);
+	if (!left)
+		return err_set(err, ERR_NOMEM, "no memory for the list of jobs");
+	for (unsigned p = d->o.nphase; p-- > 0;)
+		for (size_t i = 0; i < s->njob[p]; i++) {
 			char job[16];
 			const char *const argv[] = {"scancel", job, NULL};
+			struct err more = ERR_INIT;
 
 			snprintf(job, sizeof job, "%u", s->job[p][i]);
-			r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
-			*ret_n += !r;
+			if (dispatch_command(argv, NULL, COMMAND_S, NULL, err->code ? &more : err))
+				left[nleft++] = s->job[p][i];
+			else
+				++*ret_n;
 		}
+	if (nleft)
+		r = look_again(d, left, nleft, err);
+	free(left);
 	return r;
 }
 

@@ -2,8 +2,10 @@
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "dispatch_priv.h"
+#include "err.h"
 #include "parse.h"
 
 uint32_t dispatch_ranges(const uint32_t *index, uint32_t n, uint32_t offset, char *buf, size_t size)
@@ -182,4 +184,60 @@ void dispatch_quote(FILE *to, const char *text)
 		else
 			fputc(*text, to);
 	fputc('\'', to);
+}
+
+/* Words of sbatch that mean that its controller did not answer: then the job may be there or not. */
+bool dispatch_is_no_answer(const struct err *err)
+{
+	static const char *const signs[] = {"timed out",     "Unable to contact", "Connection refused",
+					    "Temporarily",   "temporarily",       "Zero Bytes",
+					    "was killed by", "try again",         "Transport endpoint"};
+
+	if (err->code == ERR_BUSY)
+		return true;
+	for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
+		if (strstr(err->message, signs[i]))
+			return true;
+	return false;
+}
+
+/* The user may not have more tasks in the queue. */
+bool dispatch_is_full(const struct err *err)
+{
+	static const char *const signs[] = {"MaxSubmit", "MaxJobsPer", "job submit limit", "MaxTRESPer"};
+
+	for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
+		if (strstr(err->message, signs[i]))
+			return true;
+	return false;
+}
+
+/* What the shell of a user may have for work by hand, and would hide jobs from us, or change what a submission is. Presets as
+ * SBATCH_ACCOUNT hold. */
+static bool is_unwanted(const char *variable)
+{
+	static const char *const heads[] = {"SQUEUE_",      "SCANCEL_",          "SINFO_",           "SLURM_CLUSTERS=",
+					    "SBATCH_WAIT=", "SBATCH_ARRAY_INX=", "SBATCH_CLUSTERS=", "SBATCH_MEM_PER_"};
+
+	for (size_t i = 0; i < sizeof heads / sizeof *heads; i++)
+		if (!strncmp(variable, heads[i], strlen(heads[i])))
+			return true;
+	return false;
+}
+
+void dispatch_clear_environment(void)
+{
+	char name[200];
+
+	for (char **v = environ; v && *v;) {
+		const size_t n = strcspn(*v, "=");
+
+		if (!is_unwanted(*v) || n >= sizeof name) {
+			v++;
+			continue;
+		}
+		memcpy(name, *v, n);
+		name[n] = 0;
+		unsetenv(name); /* moves the later ones up */
+	}
 }

@@ -2,6 +2,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -55,6 +56,8 @@ def refusals(base):
     expect(["mesh", survey, "-o", out, "--work", work, "--on", "slrum"], 2, "did you mean slurm")
     expect(["mesh", survey, "-o", out, *new, "--script", "x"], 2, "--script is for --on script")
     expect(["mesh", survey, "-o", out, *new[:2], "--on", "slurm", "--no-config"], 69, "there is no program sbatch here", "--on local")
+    expect(["mesh", survey, "-o", out, "--work", base + "/a\\b", "--on", "slurm", "--no-config"], 2, "a backslash in its path")
+    expect(["mesh", survey, "-o", out, "--work", base + "/a\nb", "--on", "script", "--no-config"], 2, "no line feed")
     expect(["mesh", survey, "-o", "-", *new], 2, "standard output is no output of a cluster")
     expect(["mesh", survey, "-o", survey, *new], 2, "one of the inputs")
     expect(["mesh", survey, "-o", base + "/m.foo", *new], 2, "does not give a format")
@@ -62,6 +65,8 @@ def refusals(base):
     expect(["mesh", base + "/none.laz", "-o", out, *new], 1, "none.laz", "cannot be opened")
     expect(["mesh", survey, "-o", out, "--task-memory", "1M", *new], 1, "a task needs at least", "--task-memory")
     expect(["mesh", survey, "-o", out, "--input-format", "xzy", *new], 2, "there is no input format xzy")
+    expect(["mesh", survey, "-o", out, "--attempts", "101", *new], 2, "--attempts is at most 100")
+    expect(["mesh", survey, "-o", out, "--max-tasks", "4294967296", *new], 2, "--max-tasks is at most 1000000")
     expect(["mesh", survey, "-o", out, "--task-seconds", "soon", *new], 2, "not a time")
     expect(["mesh", survey, "-o", out, "--directory", base + "/none", *new], 74, base + "/none")
     expect(["mesh", survey, "-o", out, "--config", base + "/none", *new[:-1]], 2, "make it, or leave --config out")
@@ -83,6 +88,58 @@ def refusals(base):
                                ([base, "stage", "-1"], 2, "not the number"), ([base, "stage", "0"], 4, "no work folder"),
                                (["--help"], 0, "usage: acut-task WORK PHASE INDEX"), (["--version"], 0, "acut-task ")):
         expect(args, status, text, program=TASK)
+
+
+def owners(base):
+    """A run of another user is shown, cancelled and cleaned, and not submitted."""
+    survey, work = base + "/a.xyz", base + "/w"
+    with open(survey, "w") as f:
+        f.write("0 0 0\n1 0 0\n0 1 0\n")
+    expect(["stage", survey, "--work", work, "--on", "script", "--no-config"], 0)
+    if os.geteuid():
+        print("     owners: only root can give a file away")
+        return
+    os.chown(work + "/acut-work", 4321, -1)
+    for command in ("wait", "resume"):
+        expect([command, work], 77, "belongs to the user 4321")
+    expect(["show", work], 0)
+    expect(["cancel", work], 0)
+    expect(["clean", work, "--force"], 0)
+
+
+def scripts(base):
+    """A script takes the place of another one, and of nothing else."""
+    survey, work, script = base + "/a.xyz", base + "/w", base + "/s"
+    points = "0 0 0\n1 0 0\n0 1 0\n"
+    with open(survey, "w") as f:
+        f.write(points)
+    new = ["stage", survey, "--work", work, "--on", "script", "--no-config", "--script"]
+    expect([*new, survey], 1, "it is no script of acut-cluster", "a.xyz")
+    expect([*new, "/dev/null"], 1, "it is no script of acut-cluster")
+    with open(survey) as f:
+        check("the input is whole", f.read() == points and not os.path.exists(work))
+    expect([*new, script], 0)
+    with open(script) as f:
+        text = f.read()
+    expect(["resume", work, "--script", survey], 1, "it is no script of acut-cluster")
+    with open(script, "a") as f:
+        f.write("more\n")
+    expect(["resume", work, "--script", script], 0)
+    with open(script) as f:
+        check("written again", f.read() == text and os.access(script, os.X_OK))
+    # The recipe of the page, with a parallel of our own: all commands in their order.
+    recipe = page("acut-cluster.1.scd").split("For GNU parallel:")[1].split("```")[1]
+    os.mkdir(base + "/recipe")
+    with open(base + "/recipe/parallel", "w") as f:
+        f.write("#!/bin/sh\ncat >>ran\n")
+    os.chmod(f.name, 0o755)
+    with open(base + "/recipe/script", "w") as f:
+        f.write("".join("# phase p%d: 1 tasks\n'task' %d\n" % (k, k) for k in range(12)))
+    subprocess.run(["sh", "-e", "-c", recipe], cwd=base + "/recipe", env={**os.environ, "PATH": base + "/recipe:" + os.environ["PATH"]}, check=True)
+    with open(base + "/recipe/ran") as f:
+        check("the recipe", f.read() == "".join("'task' %d\n" % k for k in range(12)))
+    shutil.rmtree(base + "/recipe")
+    check("nothing else is left", sorted(os.listdir(base)) == ["a.xyz", "s", "w"], str(os.listdir(base)))
 
 
 def settings(base):
@@ -182,7 +239,7 @@ def completion():
             check(shell, "acut-cluster complete" in f.read().replace("_acut_cluster complete", ""), "")
 
 
-for part in (refusals, settings, json_names):
+for part in (refusals, owners, scripts, settings, json_names):
     with tempfile.TemporaryDirectory() as base:
         part(base)
 pages()

@@ -118,6 +118,16 @@ def interrupted(base):
     check("resumed", show(work)["state"] == "done")
     run(CLUSTER, "clean", work, "--force")
     check("nothing is left", not os.path.exists(work))
+    p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
+                         env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    end = time.time() + 30
+    while not os.path.exists(work + "/log/head-0") and time.time() < end:
+        time.sleep(0.05)
+    q = run(CLUSTER, "cancel", work)
+    out = p.communicate(timeout=30)[0]
+    check("a run that is cancelled while it is waited for", p.returncode == 1 and "the run was cancelled" in out and "1 job;" in q.stdout + q.stderr,
+          "%d %s %s%s" % (p.returncode, out, q.stdout, q.stderr))
+    run(CLUSTER, "clean", work, "--force")
 
 
 def script(base):

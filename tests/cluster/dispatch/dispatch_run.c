@@ -71,7 +71,7 @@ int main(int argc, char **argv)
 	struct run run = {0};
 	struct dispatch_options o = {.phase = run.phase, .ctx = &run, .done = done, .stop = stop, .note = note, .patience = 5};
 	char *extra = getenv("DISPATCH_EXTRA");
-	const char *const list[] = {extra, NULL};
+	const char *list[128] = {0};
 	struct dispatch *d = NULL;
 	struct err err = ERR_INIT;
 	char text[1600], script[4096];
@@ -80,6 +80,8 @@ int main(int argc, char **argv)
 
 	if (argc < 8)
 		return 2;
+	for (size_t i = 0; extra && i < sizeof list / sizeof *list - 1; i++)
+		list[i] = strtok(i ? NULL : extra, " ");
 	signal(SIGTERM, on_signal);
 	signal(SIGINT, on_signal);
 	run.work = o.work = argv[2];
@@ -87,6 +89,7 @@ int main(int argc, char **argv)
 	o.task = argv[4];
 	o.poll = atof(argv[5]);
 	o.most = getenv("DISPATCH_MOST") ? (unsigned)atoi(getenv("DISPATCH_MOST")) : 0;
+	o.user = getenv("DISPATCH_USER") ? (unsigned)atoi(getenv("DISPATCH_USER")) : (unsigned)getuid();
 	o.extra = extra ? list : NULL;
 	snprintf(script, sizeof script, "%s/script", argv[2]);
 	o.script = script;

@@ -66,6 +66,9 @@ def failures(base):
     status, out = w.run("wait", "a=3", "b=1")
     check("not for ever", status == 1 and "task a 1: failed with status 74" in out and "after 3 attempts" in out and
           "the disk is on fire" in out and "b-0" not in w.done() and w.log("a-1").count("begins") == 3, out)
+    w = Work(base, 'if [ $p = b ]; then exit 74; fi')
+    status, out = w.run("wait", "a=1", "b=1")
+    check("not in a later phase either", status == 1 and "after 3 attempts" in out and w.log("b-0").count("begins") == 3, out)
     w = Work(base, 'echo what a file; exit 1')
     status, out = w.run("wait", "a=1")
     check("what repeats itself is not repeated", status == 1 and "after 1 attempt;" in out and "what a file" in out, out)
@@ -86,6 +89,13 @@ def lives(pid):
         return False
 
 
+def wait_for(cond):
+    end = time.time() + 20
+    while not cond() and time.time() < end:
+        time.sleep(0.05)
+    check("in time", cond())
+
+
 def stop(base):
     for how in (signal.SIGTERM, signal.SIGINT, signal.SIGKILL):
         w = Work(base, 'echo $$ >"$w/pid-$i"; exec sleep 50')
@@ -102,6 +112,34 @@ def stop(base):
             time.sleep(0.05)
         check("a driver that ends with %s ends its tasks" % how.name, not any(lives(n) for n in pids), str(pids))
         check("its status", status == (3 if how != signal.SIGKILL else -9), str(status))
+
+
+def two(base):
+    """A second driver watches while the first one lives, goes on when that is killed, and cancel ends it."""
+    w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done; sleep 0.05')
+    phases = ["a=6", "b=3"]
+    p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
+    q = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    time.sleep(0.5)
+    open(w.path + "/go", "w").close()
+    out = q.communicate(timeout=60)[0]
+    check("both see the end", p.wait(20) == 0 and q.returncode == 0 and "a 6 0 0 0" in out and "b 3 0 0 0" in out, out)
+    check("each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), out)
+    w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done')
+    p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
+    q = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    time.sleep(0.5)
+    p.kill()
+    open(w.path + "/go", "w").close()
+    out = q.communicate(timeout=60)[0]
+    check("it goes on", p.wait(20) == -9 and q.returncode == 0 and len(w.done()) == 9, out)
+    w = Work(base, 'exec sleep 50')
+    p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
+    q = subprocess.Popen(w.argv("cancel", *phases), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    check("cancel ends the driver", p.wait(20) == 3 and q.wait(20) == 0)
 
 
 def script(base):
@@ -121,5 +159,6 @@ with tempfile.TemporaryDirectory() as base:
     order(base)
     failures(base)
     stop(base)
+    two(base)
     script(base)
 raise SystemExit(1 if failed else 0)
