@@ -135,8 +135,9 @@ int work_failure_look(const struct work *, enum work_phase, uint32_t task, struc
 int work_cancel(struct work *, struct err *err);
 int work_uncancel(struct work *, struct err *err);
 bool work_cancelled(const struct work *);
-/* Removes everything in the folder and the folder itself; not what is listed in `keep` (names in the folder; a NULL ends it). No
- * task may run any more. Lists folders. */
+/* Removes all of the run and the folder itself; not what is listed in `keep` (names in the folder; a NULL ends it). A folder that
+ * was named by a symbolic link stays, empty. -ERR_CONFLICT: it has other files, too; nothing is removed. No task may run any
+ * more. Lists folders. */
 int work_clean(struct work *, const char *const *keep, struct err *err);
 
 #endif
