@@ -99,11 +99,55 @@ static int check_view(const struct program *p, struct err *err)
 	return r;
 }
 
+/* The path of a file or folder, of which the end may not be there yet. */
+static bool path_of(const char *name, char ret[PATH_MAX])
+{
+	char whole[PATH_MAX], there[PATH_MAX];
+	size_t n;
+
+	if (snprintf(whole, sizeof whole, "%s%s", *name == '/' ? "" : "./", name) >= (int)sizeof whole)
+		return false;
+	strcpy(there, whole);
+	while (!realpath(*there ? there : "/", ret)) {
+		char *slash = strrchr(there, '/');
+
+		if (!slash)
+			return false;
+		*slash = 0;
+	}
+	n = strlen(ret);
+	return snprintf(ret + n, PATH_MAX - n, "%s", whole + strlen(there)) < (int)(PATH_MAX - n);
+}
+
+/* clean would remove it with the run. */
+static int check_place(const struct program *p, const char *output, struct err *err)
+{
+	char work[PATH_MAX], out[PATH_MAX];
+	size_t n;
+
+	if (!path_of(p->opt.work, work) || !path_of(output, out))
+		return 0; /* who makes it says why */
+	n = strlen(work);
+	while (n > 1 && work[n - 1] == '/')
+		work[--n] = 0;
+	if (strncmp(out, work, n) || (out[n] && out[n] != '/'))
+		return 0;
+	err_set(err, ERR_USAGE, "the output is in the work folder, which acut-cluster clean removes");
+	err_add_hint(err, "write it to another folder");
+	return err_add_file(err, output);
+}
+
 static int check_outputs(struct program *p, uint64_t points, struct err *err)
 {
+	const char *path[CTL_FETCH_OUTPUTS + 1];
 	struct outputs *run = NULL;
-	int r;
+	int r = 0;
 
+	ctl_fetch_paths(&p->fetch, path);
+	for (const char *const *o = path; !r && p->opt.work && *o; o++)
+		r = check_place(p, *o, err);
+	if (r)
+		return r;
 	p->fetch.gaps = p->view.ground || p->view.surface;
 	if (ctl_fetch_to_standard(&p->fetch))
 		return err_set(err, ERR_USAGE, "standard output is no output of a cluster: give a file or a folder");

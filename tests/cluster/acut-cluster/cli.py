@@ -58,6 +58,15 @@ def refusals(base):
     expect(["mesh", survey, "-o", "-", *new], 2, "standard output is no output of a cluster")
     expect(["mesh", survey, "-o", survey, *new], 2, "one of the inputs")
     expect(["mesh", survey, "-o", base + "/m.foo", *new], 2, "does not give a format")
+    for name, words in (("/m.ply", []), ("/../w/m.ply", []), ("/", ["--tile", "100"]), ("/out", ["--tile", "100"])):
+        expect(["mesh", survey, "-o", work + name, *words, *new], 2, "the output is in the work folder", work + name)
+    os.mkdir(work)
+    os.symlink("w", base + "/link")
+    for name in (work + "/m.ply", base + "/link/m.ply", "w/m.ply", "link/../w/m.ply"):
+        expect(["mesh", survey, "-o", name, *new], 2, "the output is in the work folder", cwd=base)
+    expect(["mesh", survey, "-o", "m.ply", "--work", "."], 2, "the output is in the work folder", cwd=work)
+    os.unlink(base + "/link")
+    os.rmdir(work)
     expect(["mesh", "-", "-o", out, "--input-format", "xyz", *new], 2, "a pipe is no input of a cluster")
     expect(["mesh", base + "/none.laz", "-o", out, *new], 1, "none.laz", "cannot be opened")
     expect(["mesh", survey, "-o", out, "--task-memory", "1M", *new], 1, "a task needs at least", "--task-memory")
