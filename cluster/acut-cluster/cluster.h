@@ -133,8 +133,13 @@ int cluster_run_go(struct cluster_run *);
 /* Waits until it is done. Exit status. */
 int cluster_run_wait(struct cluster_run *);
 bool cluster_run_done(const struct cluster_run *);
-/* What its last phase has reported, for people or as JSON. */
-void cluster_run_result(struct cluster_run *);
+
+/* cluster_report.c: at the end, its warnings and what its last phase has reported, for people or as JSON. */
+void cluster_run_result(const struct cluster_run *);
+/* The same in parts, of a run that may not be done: warnings on standard error, the report, and both as members of an object. */
+void cluster_run_warn(const struct cluster_run *);
+void cluster_run_report_text(const struct cluster_run *);
+void cluster_run_report_json(const struct cluster_run *, struct term_json *);
 
 /* What there is to say of a run. */
 struct cluster_again {

@@ -293,29 +293,3 @@ int cluster_run_go(struct cluster_run *r)
 		submitted_text(r);
 	return 0;
 }
-
-/* ---- the result ---- */
-
-void cluster_run_result(struct cluster_run *r)
-{
-	struct console *c = &r->program->session.console;
-	struct work_record *record;
-	struct err err = ERR_INIT;
-	struct term_json j;
-
-	if (work_record_look(r->work, r->phase[r->nphase - 1], 0, &record, &err))
-		return;
-	if (c->json) {
-		j = console_json(c);
-		term_json_text(&j, "work", r->folder);
-		term_json_text(&j, "state", "done");
-		term_json_open(&j, "result", '{');
-		for (size_t i = 0; i < record->nvalue; i++)
-			term_json_text(&j, record->value[i].key, record->value[i].text);
-		term_json_close(&j, '}');
-		term_json_end(&j);
-	}
-	for (size_t i = 0; !c->json && !c->quiet && i < record->nvalue; i++)
-		term_field(c->report, record->value[i].key, "%s", record->value[i].text);
-	work_record_free(record);
-}

@@ -178,8 +178,9 @@ static void as_text(struct cluster_run *r, const struct cluster_phase_state *s)
 	dispatch_troubles(r->dispatch, put_trouble, to);
 	put_failures(r, to);
 	free(job);
+	cluster_run_warn(r);
 	if (cluster_run_done(r))
-		cluster_run_result(r);
+		cluster_run_report_text(r);
 }
 
 /* ---- JSON ---- */
@@ -239,22 +240,6 @@ static void json_failures(struct term_json *j, const struct cluster_run *r)
 		}
 }
 
-static void json_values(struct term_json *j, const struct cluster_run *r)
-{
-	struct work_record *record;
-	struct err err = ERR_INIT;
-
-	if (!cluster_run_done(r) || work_record_look(r->work, r->phase[r->nphase - 1], 0, &record, &err)) {
-		term_json_null(j, "result");
-		return;
-	}
-	term_json_open(j, "result", '{');
-	for (size_t i = 0; i < record->nvalue; i++)
-		term_json_text(j, record->value[i].key, record->value[i].text);
-	term_json_close(j, '}');
-	work_record_free(record);
-}
-
 static void as_json(struct cluster_run *r, const struct cluster_phase_state *s, const struct err *unanswered)
 {
 	struct term_json j = console_json(&r->program->session.console);
@@ -292,7 +277,7 @@ static void as_json(struct cluster_run *r, const struct cluster_phase_state *s, 
 	term_json_open(&j, "failures", '[');
 	json_failures(&j, r);
 	term_json_close(&j, ']');
-	json_values(&j, r);
+	cluster_run_report_json(r, &j);
 	term_json_end(&j);
 	free(job);
 }

@@ -234,6 +234,27 @@ def options(base):
         run(CLUSTER, "clean", work, cwd=base)
 
 
+def reported(base):
+    """At the end of a run: the report as acutctl prints it, and what is odd about the inputs, also of a file that is cut off."""
+    survey, work = base + "/a.xyz", base + "/w"
+    with open(survey, "w") as f:
+        f.writelines("%d %d %d.5\n" % (k % 17, k * k % 19, k % 5) for k in range(300))
+    p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--no-config")
+    for what, text in (("mesh", p), ("show", run(CLUSTER, "show", work)), ("wait", run(CLUSTER, "wait", work))):
+        check(what + " has the report", "wrote %s/m.ply\n" % base in text.stdout and " points used of 300" in text.stdout and "digest " in text.stdout, text.stdout)
+        check(what + " warns", "warning: the coordinate system, the unit of x and y and the unit of z are unknown" in text.stderr, text.stderr)
+    for out in (show(work), json.loads(run(CLUSTER, "wait", work, "--json").stdout)):
+        check("as JSON", out["report"]["points"] == 300 and out["report"]["digest"] == out["result"]["digest"] and len(out["warnings"]) == 1 and
+              "are unknown" in out["warnings"][0], str(out))
+    check("a run with a mesh", "wrote" not in run(CLUSTER, "wait", work, "--quiet").stdout)
+    run(CLUSTER, "clean", work)
+    run(SYNTH, "--points", "2000", base + "/cut.las")
+    os.truncate(base + "/cut.las", os.path.getsize(base + "/cut.las") - 5000)
+    p = run(CLUSTER, "stage", base + "/cut.las", "--accept-truncated", "--work", work, "--on", "local", "--no-config", "--json")
+    out = json.loads(p.stdout)
+    check("a file that is cut off", out["report"] is None and any("cut.las: " in w for w in out["warnings"]), p.stdout)
+
+
 def output_tiles(base):
     """Outputs that many tasks write: relative names are of the folder of the command."""
     survey, d = tiles(base + "/tiles", 30000), Daemon(base)
@@ -350,7 +371,7 @@ def one_node(base):
         same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
 
 
-parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, reported, output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
 for name in sys.argv[1:] or [n for n in parts if "slurm" not in n and n != "one_node"]:
     begun = time.time()
     with tempfile.TemporaryDirectory() as base:
