@@ -234,6 +234,24 @@ def options(base):
         run(CLUSTER, "clean", work, cwd=base)
 
 
+def elsewhere(base):
+    """A relative --directory, for tasks and for later commands that begin in other folders; and clean without that folder."""
+    os.makedirs(base + "/top/in")
+    with open(base + "/top/in/a.xyz", "w") as f:
+        f.writelines("%d %d %d.5\n" % (k % 17, k * k % 19, k % 5) for k in range(300))
+    for k, way in enumerate((["--directory", "top"], ["--directory=top"])):
+        work = "%s/w%d" % (base, k)
+        run(CLUSTER, "mesh", "in/a.xyz", "-o", "m.ply", *way, "--work", work, "--on", "script", "--no-config", cwd=base)
+        run("sh", work + "/script", cwd="/")
+        check("a folder of the command", os.path.getsize(base + "/top/m.ply") > 1000)
+        run(CLUSTER, "clean", "w%d" % k, cwd=base)
+        check("clean with a relative name", not os.path.exists(work))
+    run(CLUSTER, "mesh", "in/a.xyz", "-o", "m.ply", "--directory", "top", "--work", base + "/w", "--on", "local", "--no-config", cwd=base)
+    shutil.rmtree(base + "/top")
+    p = run(CLUSTER, "clean", base + "/w")
+    check("clean without the folder of the command", "warning" in p.stderr and "/top" in p.stderr and not os.path.exists(base + "/w"), p.stderr)
+
+
 def reported(base):
     """At the end of a run: the report as acutctl prints it, and what is odd about the inputs, also of a file that is cut off."""
     survey, work = base + "/a.xyz", base + "/w"
@@ -263,6 +281,8 @@ def output_tiles(base):
             "--no-config", "--task-points", "20000", cwd=base)
     check("tiles", json.loads(p.stdout)["state"] == "done")
     check("gather is divided", [x["tasks"] for x in show(base + "/w")["phases"] if x["phase"] == "gather"] == [10], str(show(base + "/w")))
+    with open(base + "/w/acut-work") as f:
+        check("the folder of the command", "word --directory=%s\n" % os.path.realpath(base) in f.read())
     names = sorted(os.listdir(base + "/by-daemon"))
     check("the same tiles", names == sorted(os.listdir(base + "/by-tasks")) and len(names) > 20, str(os.listdir(base + "/by-tasks")))
     run(CLUSTER, "clean", "w", cwd=base)
@@ -371,7 +391,7 @@ def one_node(base):
         same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
 
 
-parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, reported, output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, elsewhere, reported, output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
 for name in sys.argv[1:] or [n for n in parts if "slurm" not in n and n != "one_node"]:
     begun = time.time()
     with tempfile.TemporaryDirectory() as base:
