@@ -17,29 +17,24 @@ static const double LEAST_OF_POINTS = 0.6;
 
 /* ---- inputs ---- */
 
-static int refuse_input(const struct ctl_input *in, struct err *err)
-{
-	if (in->fd >= 0)
-		err_set(err, ERR_USAGE, "a pipe is no input of a cluster: other nodes cannot read it");
-	else if (in->archive)
-		err_set(err, ERR_USAGE, "a file in an archive is no input of a cluster: unpack the archive");
-	else
-		return 0;
-	return err_add_file(err, in->name);
-}
-
 static int see_input(const struct ctl_input *in, struct work_input *ret, struct err *err)
 {
 	char path[4096];
 	struct stat st;
 
-	if (refuse_input(in, err))
-		return -(int)err->code;
+	if (in->archive) {
+		err_set(err, ERR_USAGE, "a file in an archive is no input of a cluster: unpack the archive");
+		return err_add_file(err, in->name);
+	}
 	if (!ctl_input_path(in, path, sizeof path) || stat(path, &st)) {
 		if (errno == ENOENT || errno == ENOTDIR)
 			err_set(err, ERR_INPUT, "it cannot be opened: %s", strerror(errno));
 		else
 			err_sys(err, errno, "it cannot be opened");
+		return err_add_file(err, in->name);
+	}
+	if (!S_ISREG(st.st_mode)) {
+		err_set(err, ERR_INPUT, "it is no regular file");
 		return err_add_file(err, in->name);
 	}
 	ret->path = strdup(path);
@@ -66,6 +61,7 @@ static int gather_inputs(struct program *p, struct work_input **ret, size_t *ret
 		err_set(err, ERR_USAGE, "%s needs at least 1 word after it, 0 given", p->line.command->name);
 		return err_add_hint(err, "acut-cluster %s", p->line.command->usage);
 	}
+	in.no_pipes = "a pipe is no input of a cluster: other nodes cannot read it";
 	r = ctl_inputs_gather(&in, p->line.word, p->line.nword, err);
 	if (r)
 		return r;

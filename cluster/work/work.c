@@ -74,7 +74,8 @@ int work_file_open(const struct work *w, const char *name, uint64_t size, int *r
 	struct stat st;
 
 	for (;;) {
-		int fd = io->openat(w->fd, name, O_RDONLY | O_CLOEXEC, 0);
+		/* An input may have become a pipe: who opens it finds out, and does not wait for a writer. */
+		int fd = io->openat(w->fd, name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0);
 		bool asked = fd >= 0 && io->fstat(fd, &st) == 0;
 		int sys = errno;
 

@@ -69,6 +69,14 @@ def refusals(base):
     os.rmdir(work)
     expect(["mesh", "-", "-o", out, "--input-format", "xyz", *new], 2, "a pipe is no input of a cluster")
     expect(["mesh", base + "/none.laz", "-o", out, *new], 1, "none.laz", "cannot be opened")
+    os.mkfifo(base + "/fifo.xyz")
+    with open(base + "/list", "w") as f:
+        f.write(base + "/fifo.xyz\n")
+    for word in ("/fifo.xyz", "/list"):
+        expect(["mesh", ("@" if word == "/list" else "") + base + word, "-o", out, *new], 2, "fifo.xyz", "a pipe is no input of a cluster")
+    expect(["mesh", "/dev/null", "-o", out, *new], 1, "/dev/null", "it is no regular file")
+    for name in ("/fifo.xyz", "/list"):
+        os.unlink(base + name)
     expect(["mesh", survey, "-o", out, "--task-memory", "1M", *new], 1, "a task needs at least", "--task-memory")
     expect(["mesh", survey, "-o", out, "--input-format", "xzy", *new], 2, "there is no input format xzy")
     expect(["mesh", survey, "-o", out, "--task-seconds", "soon", *new], 2, "not a time")

@@ -562,7 +562,17 @@ static void inputs_that_changed_are_refused_by_name(void **state)
 		assert_string_equal(err.file, in.path[5]);
 		work_close(w);
 	}
+	/* A pipe has come in its place: nobody waits for a writer. */
 	see(&in.file[5]);
+	w = make_run(&in, &one);
+	unlink(in.path[5]);
+	assert_int_equal(mkfifo(in.path[5], 0600), 0);
+	err = ERR_INIT;
+	alarm(60);
+	assert_true(survey_head(w, &p, &err) < 0);
+	alarm(0);
+	assert_non_null(strstr(told.all, "it is no regular file"));
+	work_close(w);
 	w = make_run(&in, &one);
 	unlink(in.path[5]);
 	err = ERR_INIT;
