@@ -98,6 +98,7 @@ struct cluster_size {
 	uint32_t tasks[WORK_PHASES];
 	uint64_t memory[WORK_PHASES]; /* a task */
 	double hours[WORK_PHASES];    /* of a core, about */
+	double time[WORK_PHASES];     /* seconds after which a task is ended */
 	double core_hours;
 };
 /* Of the run that these options describe. `stage`: only up to the dataset. -ERR_LIMIT: a task needs more memory. */

@@ -321,6 +321,7 @@ static void plan_json(struct program *p, const struct cluster_size *s)
 		term_json_u64(&j, "tasks", s->tasks[i]);
 		term_json_u64(&j, "memory", s->memory[i]);
 		term_json_number(&j, "core_hours", s->hours[i]);
+		term_json_number(&j, "time", s->time[i]);
 		term_json_close(&j, '}');
 	}
 	term_json_close(&j, ']');

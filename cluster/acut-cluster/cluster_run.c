@@ -13,9 +13,6 @@
 #include "cluster.h"
 #include "parse.h"
 
-static const double HOUR_S = 3600;
-enum { TIMES = 10 };
-
 /* ---- opening ---- */
 
 /* acut-task stands beside this program; $ACUT_TASK names another. */
@@ -98,13 +95,6 @@ static void take_over(const struct cluster_options *from, struct cluster_options
 		to->sbatch = from->sbatch;
 }
 
-static double time_of(const struct cluster_options *o)
-{
-	const double tasks = TIMES * o->task_seconds;
-
-	return o->time > 0 ? o->time : tasks > HOUR_S ? tasks : HOUR_S;
-}
-
 static int open_dispatch(struct cluster_run *r, enum cluster_open how, const char *script, struct err *err)
 {
 	const struct cluster_options *o = &r->own.opt;
@@ -133,7 +123,7 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 			phase[r->nphase++] = (struct dispatch_phase){.name = work_phase_text((enum work_phase)i),
 								     .tasks = r->size.tasks[i],
 								     .memory = r->size.memory[i],
-								     .time = time_of(o)};
+								     .time = r->size.time[i]};
 		}
 	d.nphase = r->nphase;
 	if (patience && !parse_seconds(patience, &d.patience))

@@ -140,6 +140,39 @@ def settings(base):
         with_settings(line + "\n")
 
 
+def sizes(base):
+    """What is expected of phases of one task, of large inputs, and of many small ones. The files have holes."""
+    def plan(*args):
+        out = json.loads(expect(["plan", *args, "--no-config", "--json"], 0))
+        return out, {p["phase"]: p for p in out["phases"]}
+
+    def made(name, size):
+        with open(base + "/" + name, "w") as f:
+            f.truncate(size)
+        return base + "/" + name
+
+    large, text, small = made("large.laz", 130 << 30), made("a.xyz", 600 << 30), base + "/small"
+    out, of = plan(large, "-o", base + "/m.obj")
+    check("core-hours of all phases", all(p["core_hours"] > 0 for p in out["phases"]), str(out))
+    check("core-hours are the sum", abs(out["core_hours"] - sum(p["core_hours"] for p in out["phases"])) < 1e-6, str(out))
+    check("time of a file that one task gathers", of["gather"]["time"] > 3 * 3600 and of["mesh"]["time"] == of["finish"]["time"] == 3600, str(of))
+    check("time of a large input", of["stage"]["time"] > 3 * 3600, str(of["stage"]))
+    check("time of a text that the head reads", plan(text, "--format", "null")[1]["head"]["time"] > 3 * 3600)
+    check("--time", {p["time"] for p in plan(large, "-o", base + "/m.obj", "--time", "90m")[0]["phases"]} == {5400})
+    check("--task-seconds", plan(large, "-o", base + "/m.obj", "--task-seconds", "900")[1]["mesh"]["time"] == 9000)
+    os.mkdir(small)
+    for k in range(500):
+        with open("%s/%d.xyz" % (small, k), "w") as f:
+            f.write("1 2 3\n4 5 6\n")
+    out, of = plan(small)
+    check("small files", out["points"] > 200, str(out))
+    check("memory of the commit", of["commit"]["memory"] == of["head"]["memory"])
+    with open(base + "/many", "w") as f:
+        f.writelines(small + "/1.xyz\n" for _ in range(120000))
+    of = plan("@" + base + "/many", "--task-memory", "200M")[1]
+    check("memory of the commit of many inputs", of["commit"]["memory"] == of["head"]["memory"] > of["plan"]["memory"], str(of))
+
+
 def pages():
     text = page("acut-cluster.1.scd")
     known = set()
@@ -199,7 +232,7 @@ def completion():
             check(shell, "acut-cluster complete" in f.read().replace("_acut_cluster complete", ""), "")
 
 
-for part in (refusals, settings, json_names):
+for part in (refusals, settings, sizes, json_names):
     with tempfile.TemporaryDirectory() as base:
         part(base)
 pages()
