@@ -173,7 +173,7 @@ int cluster_run_open(struct program *p, const char *folder, enum cluster_open ho
 	if (!e) {
 		memcpy(r->size.tasks, about->tasks, sizeof about->tasks);
 		snprintf(log, sizeof log, "%s/log", r->folder);
-		if (mkdir(log, 0777) && errno != EEXIST && errno != EROFS && errno != EACCES)
+		if (mkdir(log, 0750) && errno != EEXIST && errno != EROFS && errno != EACCES)
 			e = err_sys(err, errno, "a folder for logs cannot be made");
 	}
 	if (!e)

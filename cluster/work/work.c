@@ -254,13 +254,13 @@ int work_make(const char *folder, const struct work_about *about, const struct w
 
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a work folder");
-	r = io_make_dir(AT_FDCWD, folder, 0777, err);
+	r = io_make_dir(AT_FDCWD, folder, 0750, err);
 	if (!r)
 		r = open_folder(w, err);
 	if (!r)
 		r = check_empty(w, err);
 	for (size_t i = 0; !r && work_folders[i]; i++)
-		r = io_make_dir(w->fd, work_folders[i], 0777, err);
+		r = io_make_dir(w->fd, work_folders[i], 0750, err);
 	if (!r)
 		r = write_inputs(w, input, ninput, err);
 	/* Last: with this file it is a work folder. */
@@ -398,7 +398,7 @@ int work_inputs(const struct work *w, struct work_input **ret, size_t *ret_n, st
 
 int work_cancel(struct work *w, struct err *err)
 {
-	int fd, r = io_open(w->fd, WORK_CANCELLED, O_WRONLY | O_CREAT, 0666, &fd, err);
+	int fd, r = io_open(w->fd, WORK_CANCELLED, O_WRONLY | O_CREAT, 0640, &fd, err);
 
 	if (!r)
 		io_close(fd);

@@ -257,7 +257,14 @@ def reported(base):
     survey, work = base + "/a.xyz", base + "/w"
     with open(survey, "w") as f:
         f.writelines("%d %d %d.5\n" % (k % 17, k * k % 19, k % 5) for k in range(300))
-    p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--no-config")
+    before = os.umask(0)
+    p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--no-config", "--sort")
+    run(CLUSTER, "cancel", work)
+    os.umask(before)
+    modes = {name: os.stat(os.path.join(top, name)).st_mode & 0o777 for top, folders, files in os.walk(base) for name in folders + files}
+    wrong = {name: oct(mode) for name, mode in modes.items() if mode not in (0o640, 0o750) and name not in ("a.xyz", "m.ply", *os.listdir(work + "/log"))}
+    os.unlink(work + "/cancelled")
+    check("permissions of a work folder", not wrong and modes["m.ply"] == 0o666, str(wrong))
     for what, text in (("mesh", p), ("show", run(CLUSTER, "show", work)), ("wait", run(CLUSTER, "wait", work))):
         check(what + " has the report", "wrote %s/m.ply\n" % base in text.stdout and " points used of 300" in text.stdout and "digest " in text.stdout, text.stdout)
         check(what + " warns", "warning: the coordinate system, the unit of x and y and the unit of z are unknown" in text.stderr, text.stderr)
