@@ -31,7 +31,7 @@ static int sweep_entry(void *ctx, const struct dirent *e, struct err *err)
 	(void)err;
 	if (!is_scratch(e->d_name) || io_open(folder, e->d_name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &fd, &ignored))
 		return 0;
-	if (!flock(fd, LOCK_EX | LOCK_NB))
+	if (!io->flock(fd, LOCK_EX | LOCK_NB))
 		io_folder_remove(folder, e->d_name, &ignored);
 	io_close(fd);
 	return 0;
@@ -64,7 +64,7 @@ static int make_locked(const char *name, int *ret_fd, struct err *err)
 		return 0;
 	}
 	/* Without locks, as on some shared file systems, nobody can lock it to remove it, either. */
-	(void)flock(fd, LOCK_EX);
+	(void)io->flock(fd, LOCK_EX);
 	if (io_is_gone(fd))
 		io_close(fd);
 	else
