@@ -200,9 +200,26 @@ static int seen_entry(void *ctx, const struct dirent *e, struct err *err)
 	return 0;
 }
 
+struct looking {
+	const struct work *work;
+	bool any;
+};
+
+/* Empty folders of a run are what a command left that was killed before the run was made. */
+static int look_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct looking *l = ctx;
+
+	for (const char *const *f = work_folders; *f; f++)
+		if (!strcmp(*f, e->d_name))
+			return io_list(l->work->fd, e->d_name, seen_entry, &l->any, err);
+	l->any = true;
+	return 0;
+}
+
 static int check_empty(const struct work *w, struct err *err)
 {
-	bool any = false;
+	struct looking l = {w, false};
 	struct stat st;
 	int r;
 
@@ -211,11 +228,14 @@ static int check_empty(const struct work *w, struct err *err)
 		err_add_hint(err, "continue that run with 'acut-cluster resume', or remove it with 'acut-cluster clean'");
 		return err_add_file(err, w->folder);
 	}
-	r = io_list(w->fd, ".", seen_entry, &any, err);
-	if (r || !any)
+	r = io_list(w->fd, ".", look_entry, &l, err);
+	if (r || !l.any)
 		return r;
 	err_set(err, ERR_CONFLICT, "the folder is not empty");
-	err_add_hint(err, "name a new or an empty folder");
+	if (io->fstatat(w->fd, WORK_INPUTS, &st, AT_SYMLINK_NOFOLLOW) == 0)
+		err_add_hint(err, "if a command was killed that made a run here: remove the file " WORK_INPUTS);
+	else
+		err_add_hint(err, "name a new or an empty folder");
 	return err_add_file(err, w->folder);
 }
 
@@ -239,6 +259,10 @@ static int open_folder(struct work *w, struct err *err)
 {
 	int r = io_open(AT_FDCWD, w->folder, O_RDONLY | O_DIRECTORY, 0, &w->fd, err);
 
+	if (r && (err->sys == ENOENT || err->sys == ENOTDIR)) {
+		err_clear(err);
+		r = err_set(err, ERR_NOTFOUND, "there is no such folder");
+	}
 	if (r)
 		return err_add_file(err, w->folder);
 	w->path = realpath(w->folder, NULL);
@@ -246,28 +270,60 @@ static int open_folder(struct work *w, struct err *err)
 	return 0;
 }
 
+/* What a failure has made goes, so that the command can be repeated. Folders that have something stay. */
+static void unmake(const struct work *w, bool wrote, bool was_there)
+{
+	if (wrote)
+		io->unlinkat(w->fd, WORK_INPUTS, 0);
+	for (size_t i = 0; work_folders[i]; i++)
+		io->unlinkat(w->fd, work_folders[i], AT_REMOVEDIR);
+	if (!was_there)
+		io->unlinkat(AT_FDCWD, w->folder, AT_REMOVEDIR);
+}
+
+static int make_inside(struct work *w, const struct work_about *about, const struct work_input *input, size_t ninput,
+		       bool was_there, struct err *err)
+{
+	bool wrote = false, made = false;
+	int r = check_empty(w, err);
+
+	if (r)
+		return r;
+	for (size_t i = 0; !r && work_folders[i]; i++)
+		r = io_make_dir(w->fd, work_folders[i], 0750, err);
+	if (!r) {
+		r = write_inputs(w, input, ninput, err);
+		wrote = !r;
+	}
+	/* Last: with this file it is a work folder. */
+	if (!r) {
+		r = write_about(w, about, err);
+		made = !r;
+	}
+	if (!r)
+		r = io_sync(w->fd, w->folder, err);
+	/* A file that exists is of another command, at the same time. */
+	if (r && !made && err->sys != EEXIST)
+		unmake(w, wrote, was_there);
+	return r;
+}
+
 int work_make(const char *folder, const struct work_about *about, const struct work_input *input, size_t ninput,
 	      struct work **ret, struct err *err)
 {
 	struct work *w = work_new(folder);
+	bool was_there;
+	struct stat st;
 	int r;
 
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a work folder");
+	was_there = io->fstatat(AT_FDCWD, folder, &st, 0) == 0;
 	r = io_make_dir(AT_FDCWD, folder, 0750, err);
 	if (!r)
 		r = open_folder(w, err);
 	if (!r)
-		r = check_empty(w, err);
-	for (size_t i = 0; !r && work_folders[i]; i++)
-		r = io_make_dir(w->fd, work_folders[i], 0750, err);
-	if (!r)
-		r = write_inputs(w, input, ninput, err);
-	/* Last: with this file it is a work folder. */
-	if (!r)
-		r = write_about(w, about, err);
-	if (!r)
-		r = io_sync(w->fd, folder, err);
+		r = make_inside(w, about, input, ninput, was_there, err);
 	work_close(w);
 	return r ? r : work_open(folder, ret, err);
 }

@@ -39,10 +39,10 @@ struct work_input {
 };
 
 /* Makes the folder, which may exist and be empty, with everything in it: `about`, then the inputs (copied). -ERR_CONFLICT: it is
- * a work folder already, or has other files. */
+ * a work folder already, or has other files. After another failure it is as it was before. */
 int work_make(const char *folder, const struct work_about *, const struct work_input *input, size_t ninput, struct work **ret,
 	      struct err *err);
-/* -ERR_NOTFOUND: it is no work folder. */
+/* -ERR_NOTFOUND: it is no work folder, or none at all. */
 int work_open(const char *folder, struct work **ret, struct err *err);
 struct work *work_close(struct work *);                   /* NULL is fine; returns NULL */
 const char *work_folder(const struct work *);             /* as it was given */

@@ -90,6 +90,7 @@ def refusals(base):
     for command in ("show", "wait", "cancel", "resume", "clean"):
         expect([command], 2, "needs at least 1 word")
         expect([command, base], 4, "it is no work folder")
+        expect([command, base + "/nix"], 4, "there is no such folder")
     error = json.loads(expect(["show", base, "--json"], 4))["error"]
     check("an error as JSON", error["code"] == "not-found" and error["file"] == base, str(error))
     with open(base + "/full", "w"):

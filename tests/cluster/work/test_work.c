@@ -453,6 +453,45 @@ static void clean_leaves_what_is_kept(void **state)
 	assert_int_equal(access(folder, F_OK), -1);
 }
 
+static int fsyncs_left;
+
+static int full(int fd)
+{
+	(void)fd;
+	if (fsyncs_left--)
+		return 0;
+	errno = ENOSPC;
+	return -1;
+}
+
+/* However far it came; also if the folder was there before. What a killed command leaves is in the way of nobody. */
+static void a_run_that_cannot_be_made_leaves_nothing(void **state)
+{
+	struct work_about about = {.id = 0xabc, .memory = 64 << 20, .word = WORDS, .nword = 5};
+	struct io_table table = io_system;
+	struct err err = ERR_INIT;
+
+	(void)state;
+	check(work_clean(work, NULL, &err), &err);
+	work = work_close(work);
+	table.fsync = full;
+	for (int i = 0; i < 4; i++) {
+		assert_true(i < 2 || mkdir(folder, 0777) == 0);
+		fsyncs_left = i % 2;
+		io = &table;
+		assert_int_equal(work_make(folder, &about, INPUTS, 2, &work, &err), -ERR_NOSPACE);
+		io = &io_system;
+		err_clear(&err);
+		assert_int_equal(access(folder, F_OK) == 0, i >= 2);
+		assert_true(i < 2 || rmdir(folder) == 0);
+	}
+	assert_int_equal(work_open(folder, &work, &err), -ERR_NOTFOUND);
+	err_clear(&err);
+	assert_int_equal(mkdir(folder, 0777), 0);
+	assert_int_equal(chdir(folder) || mkdir("done", 0777) || mkdir("log", 0777) || chdir("/"), 0);
+	make();
+}
+
 /* What is not of the run stays, and then all of it. */
 static void clean_refuses_strangers(void **state)
 {
@@ -537,6 +576,7 @@ int main(void)
 		EACH(damage_is_not_believed),
 		EACH(failures_are_counted),
 		EACH(a_cancelled_run_begins_nothing),
+		EACH(a_run_that_cannot_be_made_leaves_nothing),
 		EACH(clean_leaves_what_is_kept),
 		EACH(clean_refuses_strangers),
 		EACH(clean_means_the_folder_that_was_opened),
