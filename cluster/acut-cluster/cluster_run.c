@@ -211,7 +211,9 @@ static void submitted_text(struct cluster_run *r)
 	size_t n;
 	uint32_t *job = dispatch_jobs(r->dispatch, &n);
 
-	if (!strcmp(r->own.opt.on, "script"))
+	if (cluster_run_done(r))
+		console_line(c, "nothing is missing; acut-cluster show %s", r->folder);
+	else if (!strcmp(r->own.opt.on, "script"))
 		console_line(c, "the script is written; acut-cluster show %s tells how far the run is", r->folder);
 	else if (n)
 		console_line(c, "submitted as %s job%s %u%s; acut-cluster show %s tells how far the run is", r->own.opt.on,

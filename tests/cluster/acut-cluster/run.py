@@ -125,6 +125,7 @@ def script(base):
     run(CLUSTER, "stage", survey, "--work", work, "--on", "script", "--task-points", "20000", "--no-config")
     run("sh", work + "/script")
     check("a script", show(work)["state"] == "done")
+    check("nothing is missing", run(CLUSTER, "resume", work).stdout.startswith("nothing is missing"))
     run(CLUSTER, "wait", work)
 
 
@@ -234,6 +235,18 @@ def options(base):
         run(CLUSTER, "clean", work, cwd=base)
 
 
+def killed_once(base):
+    """An attempt that failed is counted when its task is done, too."""
+    with open(base + "/a.xyz", "w") as f:
+        f.writelines("%d %d %d.5\n" % (k % 17, k * k % 19, k % 5) for k in range(300))
+    with open(base + "/kills", "w") as f:
+        f.write('#!/bin/bash\n[ $2 != stage ] || ! mkdir %s/killed 2>/dev/null || kill -9 $$\nexec %s "$@"\n' % (base, TASK))
+    os.chmod(base + "/kills", 0o755)
+    run(CLUSTER, "stage", base + "/a.xyz", "--work", base + "/w", "--on", "local", "--no-config", env={"ACUT_TASK": base + "/kills"})
+    s = show(base + "/w")
+    check("again", s["state"] == "done" and [p["again"] for p in s["phases"]] == [0, 1, 0] and s["phases"][1]["why"][0]["tasks"] == 1, str(s))
+
+
 def elsewhere(base):
     """A relative --directory, for tasks and for later commands that begin in other folders; and clean without that folder."""
     os.makedirs(base + "/top/in")
@@ -262,11 +275,12 @@ def reported(base):
     run(CLUSTER, "cancel", work)
     os.umask(before)
     modes = {name: os.stat(os.path.join(top, name)).st_mode & 0o777 for top, folders, files in os.walk(base) for name in folders + files}
-    wrong = {name: oct(mode) for name, mode in modes.items() if mode not in (0o640, 0o750) and name not in ("a.xyz", "m.ply", *os.listdir(work + "/log"))}
+    others = ["a.xyz", "m.ply", *os.listdir(work + "/log")]
+    wrong = {name: oct(mode) for name, mode in modes.items() if mode not in (0o640, 0o750) and name not in others}
     os.unlink(work + "/cancelled")
     check("permissions of a work folder", not wrong and modes["m.ply"] == 0o666, str(wrong))
     for what, text in (("mesh", p), ("show", run(CLUSTER, "show", work)), ("wait", run(CLUSTER, "wait", work))):
-        check(what + " has the report", "wrote %s/m.ply\n" % base in text.stdout and " points used of 300" in text.stdout and "digest " in text.stdout, text.stdout)
+        check(what + " has the report", "wrote %s/m.ply\n" % base in text.stdout and " points used of 300" in text.stdout, text.stdout)
         check(what + " warns", "warning: the coordinate system, the unit of x and y and the unit of z are unknown" in text.stderr, text.stderr)
     for out in (show(work), json.loads(run(CLUSTER, "wait", work, "--json").stdout)):
         check("as JSON", out["report"]["points"] == 300 and out["report"]["digest"] == out["result"]["digest"] and len(out["warnings"]) == 1 and
@@ -398,7 +412,8 @@ def one_node(base):
         same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
 
 
-parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, elsewhere, reported, output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, killed_once, elsewhere, reported,
+                                     output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
 for name in sys.argv[1:] or [n for n in parts if "slurm" not in n and n != "one_node"]:
     begun = time.time()
     with tempfile.TemporaryDirectory() as base:
