@@ -110,8 +110,12 @@ static int add_pipe(struct ctl_inputs *in, const char *name, int fd, struct err 
 {
 	if (fd < 0)
 		return open_failed(name, err);
-	if (!ctl_input_append(in, &(struct ctl_input){.fd = fd}, name, err))
+	if (in->no_pipes) {
+		err_set(err, ERR_USAGE, "%s", in->no_pipes);
+		err_add_file(err, name);
+	} else if (!ctl_input_append(in, &(struct ctl_input){.fd = fd}, name, err)) {
 		return 0;
+	}
 	close(fd);
 	return -(int)err->code;
 }

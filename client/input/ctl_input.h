@@ -50,6 +50,7 @@ struct ctl_inputs {
 	struct ctl_input *input;
 	size_t n, room;
 	const struct lines_export_options *lines; /* NULL, or all words are files of lines */
+	const char *no_pipes;                     /* why no pipe is taken; NULL: they are, and are waited for */
 	bool each;          /* the caller prints what became of each: that all were refused is no failure of its own */
 	const double *crop; /* NULL, or the box (x1, y1, x2, y2) outside of which no point is asked for */
 	struct ctl_archive *archives;

@@ -98,6 +98,7 @@ struct cluster_size {
 	uint32_t tasks[WORK_PHASES];
 	uint64_t memory[WORK_PHASES]; /* a task */
 	double hours[WORK_PHASES];    /* of a core, about */
+	double time[WORK_PHASES];     /* seconds after which a task is ended */
 	double core_hours;
 };
 /* Of the run that these options describe. `stage`: only up to the dataset. -ERR_LIMIT: a task needs more memory. */
@@ -139,8 +140,13 @@ int cluster_run_wait(struct cluster_run *);
 /* Says that it was cancelled. Exit status. */
 int cluster_run_cancelled(struct cluster_run *);
 bool cluster_run_done(const struct cluster_run *);
-/* What its last phase has reported, for people or as JSON. */
-void cluster_run_result(struct cluster_run *);
+
+/* cluster_report.c: at the end, its warnings and what its last phase has reported, for people or as JSON. */
+void cluster_run_result(const struct cluster_run *);
+/* The same in parts, of a run that may not be done: warnings on standard error, the report, and both as members of an object. */
+void cluster_run_warn(const struct cluster_run *);
+void cluster_run_report_text(const struct cluster_run *);
+void cluster_run_report_json(const struct cluster_run *, struct term_json *);
 
 /* What there is to say of a run. */
 struct cluster_again {

@@ -95,7 +95,7 @@ static int check_clean(const struct cluster_run *r, struct err *err)
 	return 0;
 }
 
-/* What killed attempts left beside the outputs. */
+/* What killed attempts left beside the outputs. Where the folder of the command is gone, so are outputs with relative names. */
 static int clean_outputs(struct cluster_run *r, struct err *err)
 {
 	const struct gather_params g = {.work = r->work, .outputs = &r->own.fetch, .memory = work_about(r->work)->memory};
@@ -103,7 +103,14 @@ static int clean_outputs(struct cluster_run *r, struct err *err)
 	if (!r->size.tasks[WORK_GATHER])
 		return 0;
 	if (r->own.opt.directory && chdir(r->own.opt.directory)) {
+		if (errno == ENOENT || r->program->opt.force) {
+			console_warn(&r->program->session.console,
+				     "%s cannot be entered: %s; what tasks left beside the outputs stays", r->own.opt.directory,
+				     strerror(errno));
+			return 0;
+		}
 		err_sys(err, errno, "the folder of the command cannot be entered");
+		err_add_hint(err, "with --force it is cleaned all the same");
 		return err_add_file(err, r->own.opt.directory);
 	}
 	return gather_clean(&g, err);

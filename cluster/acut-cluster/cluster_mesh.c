@@ -17,29 +17,24 @@ static const double LEAST_OF_POINTS = 0.6;
 
 /* ---- inputs ---- */
 
-static int refuse_input(const struct ctl_input *in, struct err *err)
-{
-	if (in->fd >= 0)
-		err_set(err, ERR_USAGE, "a pipe is no input of a cluster: other nodes cannot read it");
-	else if (in->archive)
-		err_set(err, ERR_USAGE, "a file in an archive is no input of a cluster: unpack the archive");
-	else
-		return 0;
-	return err_add_file(err, in->name);
-}
-
 static int see_input(const struct ctl_input *in, struct work_input *ret, struct err *err)
 {
 	char path[4096];
 	struct stat st;
 
-	if (refuse_input(in, err))
-		return -(int)err->code;
+	if (in->archive) {
+		err_set(err, ERR_USAGE, "a file in an archive is no input of a cluster: unpack the archive");
+		return err_add_file(err, in->name);
+	}
 	if (!ctl_input_path(in, path, sizeof path) || stat(path, &st)) {
 		if (errno == ENOENT || errno == ENOTDIR)
 			err_set(err, ERR_INPUT, "it cannot be opened: %s", strerror(errno));
 		else
 			err_sys(err, errno, "it cannot be opened");
+		return err_add_file(err, in->name);
+	}
+	if (!S_ISREG(st.st_mode)) {
+		err_set(err, ERR_INPUT, "it is no regular file");
 		return err_add_file(err, in->name);
 	}
 	ret->path = strdup(path);
@@ -66,6 +61,7 @@ static int gather_inputs(struct program *p, struct work_input **ret, size_t *ret
 		err_set(err, ERR_USAGE, "%s needs at least 1 word after it, 0 given", p->line.command->name);
 		return err_add_hint(err, "acut-cluster %s", p->line.command->usage);
 	}
+	in.no_pipes = "a pipe is no input of a cluster: other nodes cannot read it";
 	r = ctl_inputs_gather(&in, p->line.word, p->line.nword, err);
 	if (r)
 		return r;
@@ -99,11 +95,55 @@ static int check_view(const struct program *p, struct err *err)
 	return r;
 }
 
+/* The path of a file or folder, of which the end may not be there yet. */
+static bool path_of(const char *name, char ret[PATH_MAX])
+{
+	char whole[PATH_MAX], there[PATH_MAX];
+	size_t n;
+
+	if (snprintf(whole, sizeof whole, "%s%s", *name == '/' ? "" : "./", name) >= (int)sizeof whole)
+		return false;
+	strcpy(there, whole);
+	while (!realpath(*there ? there : "/", ret)) {
+		char *slash = strrchr(there, '/');
+
+		if (!slash)
+			return false;
+		*slash = 0;
+	}
+	n = strlen(ret);
+	return snprintf(ret + n, PATH_MAX - n, "%s", whole + strlen(there)) < (int)(PATH_MAX - n);
+}
+
+/* clean would remove it with the run. */
+static int check_place(const struct program *p, const char *output, struct err *err)
+{
+	char work[PATH_MAX], out[PATH_MAX];
+	size_t n;
+
+	if (!path_of(p->opt.work, work) || !path_of(output, out))
+		return 0; /* who makes it says why */
+	n = strlen(work);
+	while (n > 1 && work[n - 1] == '/')
+		work[--n] = 0;
+	if (strncmp(out, work, n) || (out[n] && out[n] != '/'))
+		return 0;
+	err_set(err, ERR_USAGE, "the output is in the work folder, which acut-cluster clean removes");
+	err_add_hint(err, "write it to another folder");
+	return err_add_file(err, output);
+}
+
 static int check_outputs(struct program *p, uint64_t points, struct err *err)
 {
+	const char *path[CTL_FETCH_OUTPUTS + 1];
 	struct outputs *run = NULL;
-	int r;
+	int r = 0;
 
+	ctl_fetch_paths(&p->fetch, path);
+	for (const char *const *o = path; !r && p->opt.work && *o; o++)
+		r = check_place(p, *o, err);
+	if (r)
+		return r;
 	p->fetch.gaps = p->view.ground || p->view.surface;
 	if (ctl_fetch_to_standard(&p->fetch))
 		return err_set(err, ERR_USAGE, "standard output is no output of a cluster: give a file or a folder");
@@ -283,6 +323,7 @@ static void plan_json(struct program *p, const struct cluster_size *s)
 		term_json_u64(&j, "tasks", s->tasks[i]);
 		term_json_u64(&j, "memory", s->memory[i]);
 		term_json_number(&j, "core_hours", s->hours[i]);
+		term_json_number(&j, "time", s->time[i]);
 		term_json_close(&j, '}');
 	}
 	term_json_close(&j, ']');

@@ -37,7 +37,7 @@ const struct cli_option cluster_options[] = {
 	{"account", 0, "NAME", CLI_WORD, AT(opt.account), CLUSTER_SCHEDULER, "the account that is charged"},
 	{"qos", 0, "NAME", CLI_WORD, AT(opt.qos), CLUSTER_SCHEDULER, "the quality of service"},
 	{"time", 0, "TIME", CLI_SECONDS, AT(opt.time), CLUSTER_SCHEDULER,
-	 "a task is ended after so long (ten times --task-seconds, at least 1h)"},
+	 "a task is ended after so long (by what is expected, at least 1h)"},
 	{"max-tasks", 0, "N", CLI_COUNT, AT(opt.max_tasks), CLUSTER_SCHEDULER, "at most so many tasks at once"},
 	{"attempts", 0, "N", CLI_COUNT, AT(opt.attempts), CLUSTER_SCHEDULER, "a task that fails is tried so often (3)"},
 	{"sbatch", 0, "OPTION", CLI_LIST, AT(opt.sbatch), CLUSTER_SCHEDULER,

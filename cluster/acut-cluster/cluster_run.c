@@ -13,8 +13,7 @@
 #include "cluster.h"
 #include "parse.h"
 
-static const double HOUR_S = 3600;
-enum { TIMES = 10, ATTEMPTS_MOST = 100, TASKS_MOST = 1000000 };
+enum { ATTEMPTS_MOST = 100, TASKS_MOST = 1000000 };
 
 /* ---- opening ---- */
 
@@ -107,13 +106,6 @@ int cluster_limits(const struct cluster_options *o, struct err *err)
 	return 0;
 }
 
-static double time_of(const struct cluster_options *o)
-{
-	const double tasks = TIMES * o->task_seconds;
-
-	return o->time > 0 ? o->time : tasks > HOUR_S ? tasks : HOUR_S;
-}
-
 static int open_dispatch(struct cluster_run *r, enum cluster_open how, const char *script, struct err *err)
 {
 	const struct cluster_options *o = &r->own.opt;
@@ -142,7 +134,7 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 			phase[r->nphase++] = (struct dispatch_phase){.name = work_phase_text((enum work_phase)i),
 								     .tasks = r->size.tasks[i],
 								     .memory = r->size.memory[i],
-								     .time = time_of(o)};
+								     .time = r->size.time[i]};
 		}
 	d.nphase = r->nphase;
 	if (patience && !parse_seconds(patience, &d.patience))
@@ -214,7 +206,7 @@ int cluster_run_open(struct program *p, const char *folder, enum cluster_open ho
 	if (!e) {
 		memcpy(r->size.tasks, about->tasks, sizeof about->tasks);
 		snprintf(log, sizeof log, "%s/log", r->folder);
-		if (mkdir(log, 0777) && errno != EEXIST && errno != EROFS && errno != EACCES)
+		if (mkdir(log, 0750) && errno != EEXIST && errno != EROFS && errno != EACCES)
 			e = err_sys(err, errno, "a folder for logs cannot be made");
 	}
 	if (!e)
@@ -252,7 +244,9 @@ static void submitted_text(struct cluster_run *r)
 	size_t n;
 	uint32_t *job = dispatch_jobs(r->dispatch, &n);
 
-	if (!strcmp(r->own.opt.on, "script"))
+	if (cluster_run_done(r))
+		console_line(c, "nothing is missing; acut-cluster show %s", r->folder);
+	else if (!strcmp(r->own.opt.on, "script"))
 		console_line(c, "the script is written; acut-cluster show %s tells how far the run is", r->folder);
 	else if (n)
 		console_line(c, "submitted as %s job%s %u%s; acut-cluster show %s tells how far the run is", r->own.opt.on,
@@ -336,30 +330,4 @@ int cluster_run_go(struct cluster_run *r)
 	else
 		submitted_text(r);
 	return 0;
-}
-
-/* ---- the result ---- */
-
-void cluster_run_result(struct cluster_run *r)
-{
-	struct console *c = &r->program->session.console;
-	struct work_record *record;
-	struct err err = ERR_INIT;
-	struct term_json j;
-
-	if (work_record_look(r->work, r->phase[r->nphase - 1], 0, &record, &err))
-		return;
-	if (c->json) {
-		j = console_json(c);
-		term_json_text(&j, "work", r->folder);
-		term_json_text(&j, "state", "done");
-		term_json_open(&j, "result", '{');
-		for (size_t i = 0; i < record->nvalue; i++)
-			term_json_text(&j, record->value[i].key, record->value[i].text);
-		term_json_close(&j, '}');
-		term_json_end(&j);
-	}
-	for (size_t i = 0; !c->json && !c->quiet && i < record->nvalue; i++)
-		term_field(c->report, record->value[i].key, "%s", record->value[i].text);
-	work_record_free(record);
 }

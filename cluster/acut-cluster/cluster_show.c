@@ -21,7 +21,7 @@ static void count_again(struct cluster_phase_state *s, enum dispatch_why why, co
 	snprintf(s->why[s->nagain++].host, sizeof s->why[0].host, "%s", host);
 }
 
-/* A task that has no record, and an attempt that has ended without one. */
+/* A task of which an attempt has ended without a record. */
 static void look_again(const struct cluster_run *r, unsigned phase, uint32_t index, struct cluster_phase_state *s)
 {
 	const struct dispatch_task *t = dispatch_task(r->dispatch, phase, index);
@@ -29,7 +29,7 @@ static void look_again(const struct cluster_run *r, unsigned phase, uint32_t ind
 
 	if (!dispatch_log_read(r->dispatch, phase, index, &log) || !log.begun)
 		return;
-	if (t->state == DISPATCH_RUNNING && !log.ended) {
+	if (t->done || (t->state == DISPATCH_RUNNING && !log.ended)) {
 		if (log.begun > 1)
 			count_again(s, log.before, log.host_before);
 	} else {
@@ -47,9 +47,8 @@ void cluster_phase_state(const struct cluster_run *r, unsigned phase, struct clu
 		struct work_record *record;
 		struct err err = ERR_INIT;
 
-		if (!dispatch_task(r->dispatch, phase, i)->done) {
-			look_again(r, phase, i, &s);
-		} else if (!work_record_look(r->work, p, i, &record, &err)) {
+		look_again(r, phase, i, &s);
+		if (dispatch_task(r->dispatch, phase, i)->done && !work_record_look(r->work, p, i, &record, &err)) {
 			s.cpu += record->cpu;
 			s.wall += record->wall;
 			s.peak = record->peak > s.peak ? record->peak : s.peak;
@@ -178,8 +177,9 @@ static void as_text(struct cluster_run *r, const struct cluster_phase_state *s)
 	dispatch_troubles(r->dispatch, put_trouble, to);
 	put_failures(r, to);
 	free(job);
+	cluster_run_warn(r);
 	if (cluster_run_done(r))
-		cluster_run_result(r);
+		cluster_run_report_text(r);
 }
 
 /* ---- JSON ---- */
@@ -239,22 +239,6 @@ static void json_failures(struct term_json *j, const struct cluster_run *r)
 		}
 }
 
-static void json_values(struct term_json *j, const struct cluster_run *r)
-{
-	struct work_record *record;
-	struct err err = ERR_INIT;
-
-	if (!cluster_run_done(r) || work_record_look(r->work, r->phase[r->nphase - 1], 0, &record, &err)) {
-		term_json_null(j, "result");
-		return;
-	}
-	term_json_open(j, "result", '{');
-	for (size_t i = 0; i < record->nvalue; i++)
-		term_json_text(j, record->value[i].key, record->value[i].text);
-	term_json_close(j, '}');
-	work_record_free(record);
-}
-
 static void as_json(struct cluster_run *r, const struct cluster_phase_state *s, const struct err *unanswered)
 {
 	struct term_json j = console_json(&r->program->session.console);
@@ -292,7 +276,7 @@ static void as_json(struct cluster_run *r, const struct cluster_phase_state *s, 
 	term_json_open(&j, "failures", '[');
 	json_failures(&j, r);
 	term_json_close(&j, ']');
-	json_values(&j, r);
+	cluster_run_report_json(r, &j);
 	term_json_end(&j);
 	free(job);
 }

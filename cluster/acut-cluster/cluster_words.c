@@ -35,14 +35,6 @@ static void add(struct list *l, const char *head, const char *text)
 	l->word[l->n] = NULL;
 }
 
-static bool is_input(const struct program *p, const char *arg)
-{
-	for (unsigned i = 0; i < p->line.nword; i++)
-		if (p->line.word[i] == arg)
-			return true;
-	return false;
-}
-
 /* Whether an option of the command stands for the setting. */
 static bool is_given(const struct program *p, size_t id)
 {
@@ -92,23 +84,47 @@ static void add_setting(struct list *l, size_t id, const char *text)
 	free(copy);
 }
 
-int cluster_words(const struct program *p, const struct cluster_settings *s, char ***ret, size_t *ret_n, struct err *err)
+/* The value of --directory is part of the argument, or all of it. */
+static bool has_directory(const struct program *p, const char *arg)
 {
-	char folder[4096];
-	struct list l = {0};
+	const char *value = p->opt.directory;
+
+	return value && value >= arg && value <= arg + strlen(arg);
+}
+
+/* Tasks begin in another folder: that of --directory, which is the current one now, is noted by its path. */
+static void add_words(struct list *l, const struct program *p, const char *folder)
+{
+	unsigned input = 0;
 	bool ended = false;
 
-	if (!p->opt.directory && !getcwd(folder, sizeof folder))
-		return err_set(err, ERR_IO, "the current folder has no name");
 	for (int i = 1; i < p->argc; i++) {
-		if (is_input(p, p->argv[i]))
+		char head[64];
+
+		if (input < p->line.nword && p->line.word[input] == p->argv[i]) {
+			input++;
 			continue;
+		}
 		ended = ended || !strcmp(p->argv[i], "--");
-		if (!ended)
-			add(&l, "", p->argv[i]);
+		if (!ended && has_directory(p, p->argv[i])) {
+			snprintf(head, sizeof head, "%.*s", (int)(p->opt.directory - p->argv[i]), p->argv[i]);
+			add(l, head, folder);
+		} else if (!ended) {
+			add(l, "", p->argv[i]);
+		}
 	}
 	if (!p->opt.directory)
-		add(&l, "--directory=", folder);
+		add(l, "--directory=", folder);
+}
+
+int cluster_words(const struct program *p, const struct cluster_settings *s, char ***ret, size_t *ret_n, struct err *err)
+{
+	char folder[PATH_MAX];
+	struct list l = {0};
+
+	if (!getcwd(folder, sizeof folder))
+		return err_set(err, ERR_IO, "the current folder has no name");
+	add_words(&l, p, folder);
 	for (size_t i = 0; i < CLUSTER_SETTINGS; i++)
 		if (s->text[i] && !is_given(p, i))
 			add_setting(&l, i, s->text[i]);

@@ -194,7 +194,7 @@ static int write_list(struct task *t, struct err *err)
 	if (!r)
 		r = work_attempt_file(t->attempt, "", "gather", "", name, err);
 	if (!r)
-		r = io_open(work_fd(t->p->work), name, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
+		r = io_open(work_fd(t->p->work), name, O_WRONLY | O_CREAT | O_EXCL, 0640, &fd, err);
 	if (!r) {
 		sum = digest_hash(bytes, n);
 		r = io_write_at(fd, bytes, n, 0, name, err);

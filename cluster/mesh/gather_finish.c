@@ -185,7 +185,7 @@ static int write_report(struct finish *f, const char *suffix, const char *text, 
 	int fd = -1, r = work_attempt_file(f->attempt, "", "report", suffix, name, err);
 
 	if (!r)
-		r = io_open(work_fd(f->p->work), name, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
+		r = io_open(work_fd(f->p->work), name, O_WRONLY | O_CREAT | O_EXCL, 0640, &fd, err);
 	if (!r)
 		r = io_write_at(fd, text, n, 0, name, err);
 	if (!r)

@@ -158,7 +158,7 @@ static int write_plan(struct planning *l, struct err *err)
 	int fd = -1, r = work_attempt_file(a, "", "plan", "", name, err);
 
 	if (!r)
-		r = io_open(work_fd(l->s->work), name, O_RDWR | O_CREAT | O_EXCL, 0666, &fd, err);
+		r = io_open(work_fd(l->s->work), name, O_RDWR | O_CREAT | O_EXCL, 0640, &fd, err);
 	if (!r)
 		r = mesh_plan_write(fd, name, &l->plan, l->top.leaf, l->first, err);
 	if (!r)

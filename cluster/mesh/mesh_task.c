@@ -159,7 +159,7 @@ static int make_pack(struct making *m, const struct cut_region *region, uint64_t
 	int fd = -1, r = work_attempt_file(a, WORK_IN_MESH, "pack", "", name, err);
 
 	if (!r)
-		r = io_open(work_fd(m->s->work), name, O_RDWR | O_CREAT | O_EXCL, 0666, &fd, err);
+		r = io_open(work_fd(m->s->work), name, O_RDWR | O_CREAT | O_EXCL, 0640, &fd, err);
 	if (!r)
 		r = store_packer_new(fd, name, m->plan.of, &m->packer, err);
 	for (uint64_t i = 0; !r && i < n; i++)

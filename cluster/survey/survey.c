@@ -176,7 +176,7 @@ int survey_open(struct survey *s, const char *path, uint64_t size, int64_t mtime
 	int fd, r;
 
 	if (atomic_load(&s->impatient))
-		r = io_open(work_fd(s->work), path, O_RDONLY, 0, &fd, err);
+		r = io_open(work_fd(s->work), path, O_RDONLY | O_NONBLOCK | O_NOCTTY, 0, &fd, err);
 	else
 		r = work_file_open(s->work, path, UINT64_MAX, &fd, err);
 	if (r) {

@@ -54,6 +54,13 @@ int survey_open(struct survey *, const char *path, uint64_t size, int64_t mtime_
 int survey_unchanged(int fd, const char *path, uint64_t size, int64_t mtime_ns, const char *since, struct err *err);
 struct input_options survey_input_options(const struct survey *, bool projects);
 
+/* ---- survey_scratch.c ---- */
+
+enum { SURVEY_SCRATCH_NAME = 4096 };
+/* A new folder in that of --scratch, open; first removes those that killed tasks left there. ret "": there is none to remove. */
+int survey_scratch_make(const struct survey *, uint32_t task, char ret[SURVEY_SCRATCH_NAME], int *ret_fd, struct err *err);
+void survey_scratch_remove(const char *name); /* with everything in it */
+
 /* ---- survey_table.c: the inputs of a head ---- */
 
 struct survey_input {

@@ -38,7 +38,7 @@ struct stage {
 	uint64_t warnings;
 	atomic_bool cancel;                /* nobody sets it */
 	_Atomic uint64_t hashed, hash_end; /* nobody asks */
-	char scratch[GRID_SOURCE_PATH];
+	char scratch[SURVEY_SCRATCH_NAME];
 	int runs; /* the folder of the runs; 0: none of its own */
 };
 
@@ -198,27 +198,22 @@ static int read_one(struct stage *st, struct grid_source *source, struct err *er
 static int make_scratch(struct stage *st, uint32_t task, struct err *err)
 {
 	const char *folder = st->s->p->scratch;
-	int r;
+	int fd, r;
 
 	if (!folder || !*folder)
 		return 0;
-	if (snprintf(st->scratch, sizeof st->scratch, "%s/acut-%" PRIx64 "-stage-%" PRIu32 "-%016" PRIx64, folder,
-		     work_about(st->s->work)->id, task, work_attempt_number(st->s->attempt)) >= (int)sizeof st->scratch) {
-		*st->scratch = 0;
-		return err_set(err, ERR_USAGE, "the name of the folder for temporary files is too long");
-	}
-	r = io_make_dir(AT_FDCWD, st->scratch, 0700, err);
-	return r ? r : io_open(AT_FDCWD, st->scratch, O_RDONLY | O_DIRECTORY, 0, &st->runs, err);
+	r = survey_scratch_make(st->s, task, st->scratch, &fd, err);
+	if (!r)
+		st->runs = fd;
+	return r;
 }
 
 static void remove_scratch(struct stage *st)
 {
-	struct err ignored = ERR_INIT;
-
 	if (st->runs)
 		io_close(st->runs);
 	if (*st->scratch)
-		io_folder_remove(AT_FDCWD, st->scratch, &ignored);
+		survey_scratch_remove(st->scratch);
 }
 
 static int stage_all(struct stage *st, uint32_t task, struct grid_segment_info *ret, struct err *err)

@@ -15,12 +15,9 @@
 #include "work_priv.h"
 
 #define PATIENCE 120.0 /* seconds */
-#define ABOUT "acut-work"
-#define INPUTS "inputs"
-#define CANCELLED "cancelled"
 
 static const char *const phase_text[WORK_PHASES] = {"head", "stage", "sort", "commit", "plan", "mesh", "gather", "finish"};
-static const char *const folders[] = {"done", "failed", "log", WORK_IN_DATASET, WORK_IN_MESH};
+const char *const work_folders[] = {"done", "failed", "log", WORK_IN_DATASET, WORK_IN_MESH, NULL};
 
 const char *work_phase_text(enum work_phase phase)
 {
@@ -77,7 +74,8 @@ int work_file_open(const struct work *w, const char *name, uint64_t size, int *r
 	struct stat st;
 
 	for (;;) {
-		int fd = io->openat(w->fd, name, O_RDONLY | O_CLOEXEC, 0);
+		/* An input may have become a pipe: who opens it finds out, and does not wait for a writer. */
+		int fd = io->openat(w->fd, name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0);
 		bool asked = fd >= 0 && io->fstat(fd, &st) == 0;
 		int sys = errno;
 
@@ -129,6 +127,7 @@ struct work *work_close(struct work *w)
 	io_close(w->fd);
 	free((void *)w->about.word);
 	free(w->text);
+	free(w->path);
 	free(w->folder);
 	free(w);
 	return NULL;
@@ -153,7 +152,7 @@ static int write_about(const struct work *w, const struct work_about *a, struct 
 {
 	struct work_out o;
 	char text[64];
-	int r = work_out_begin(&o, ABOUT, err);
+	int r = work_out_begin(&o, WORK_ABOUT, err);
 
 	if (r)
 		return r;
@@ -169,7 +168,7 @@ static int write_about(const struct work *w, const struct work_about *a, struct 
 		work_out_line(&o, "word", a->word[i]);
 	r = work_out_end(&o, err);
 	if (!r)
-		r = work_write_new(w, ABOUT, o.bytes, o.size, err);
+		r = work_write_new(w, WORK_ABOUT, o.bytes, o.size, err);
 	work_out_done(&o);
 	return r;
 }
@@ -177,7 +176,7 @@ static int write_about(const struct work *w, const struct work_about *a, struct 
 static int write_inputs(const struct work *w, const struct work_input *input, size_t n, struct err *err)
 {
 	struct work_out o;
-	int r = work_out_begin(&o, INPUTS, err);
+	int r = work_out_begin(&o, WORK_INPUTS, err);
 
 	for (size_t i = 0; !r && i < n; i++) {
 		char head[64];
@@ -188,7 +187,7 @@ static int write_inputs(const struct work *w, const struct work_input *input, si
 	if (!r)
 		r = work_out_end(&o, err);
 	if (!r)
-		r = work_write_new(w, INPUTS, o.bytes, o.size, err);
+		r = work_write_new(w, WORK_INPUTS, o.bytes, o.size, err);
 	work_out_done(&o);
 	return r;
 }
@@ -201,54 +200,130 @@ static int seen_entry(void *ctx, const struct dirent *e, struct err *err)
 	return 0;
 }
 
+struct looking {
+	const struct work *work;
+	bool any;
+};
+
+/* Empty folders of a run are what a command left that was killed before the run was made. */
+static int look_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct looking *l = ctx;
+
+	for (const char *const *f = work_folders; *f; f++)
+		if (!strcmp(*f, e->d_name))
+			return io_list(l->work->fd, e->d_name, seen_entry, &l->any, err);
+	l->any = true;
+	return 0;
+}
+
 static int check_empty(const struct work *w, struct err *err)
 {
-	bool any = false;
+	struct looking l = {w, false};
 	struct stat st;
 	int r;
 
-	if (io->fstatat(w->fd, ABOUT, &st, AT_SYMLINK_NOFOLLOW) == 0) {
+	if (io->fstatat(w->fd, WORK_ABOUT, &st, AT_SYMLINK_NOFOLLOW) == 0) {
 		err_set(err, ERR_CONFLICT, "it is the work folder of another run");
 		err_add_hint(err, "continue that run with 'acut-cluster resume', or remove it with 'acut-cluster clean'");
 		return err_add_file(err, w->folder);
 	}
-	r = io_list(w->fd, ".", seen_entry, &any, err);
-	if (r || !any)
+	r = io_list(w->fd, ".", look_entry, &l, err);
+	if (r || !l.any)
 		return r;
 	err_set(err, ERR_CONFLICT, "the folder is not empty");
-	err_add_hint(err, "name a new or an empty folder");
+	if (io->fstatat(w->fd, WORK_INPUTS, &st, AT_SYMLINK_NOFOLLOW) == 0)
+		err_add_hint(err, "if a command was killed that made a run here: remove the file " WORK_INPUTS);
+	else
+		err_add_hint(err, "name a new or an empty folder");
 	return err_add_file(err, w->folder);
 }
 
+static bool is_link(const char *folder)
+{
+	char *name = strdup(folder);
+	size_t n = name ? strlen(name) : 0;
+	struct stat st;
+	bool is;
+
+	/* With a slash at the end it would be the folder behind the link. */
+	while (n > 1 && name[n - 1] == '/')
+		name[--n] = 0;
+	is = name && lstat(name, &st) == 0 && S_ISLNK(st.st_mode);
+	free(name);
+	return is;
+}
+
+/* Its path is of now: the current folder may be another one later. */
 static int open_folder(struct work *w, struct err *err)
 {
 	int r = io_open(AT_FDCWD, w->folder, O_RDONLY | O_DIRECTORY, 0, &w->fd, err);
 
-	return r ? err_add_file(err, w->folder) : 0;
+	if (r && (err->sys == ENOENT || err->sys == ENOTDIR)) {
+		err_clear(err);
+		r = err_set(err, ERR_NOTFOUND, "there is no such folder");
+	}
+	if (r)
+		return err_add_file(err, w->folder);
+	w->path = realpath(w->folder, NULL);
+	w->linked = is_link(w->folder);
+	return 0;
+}
+
+/* What a failure has made goes, so that the command can be repeated. Folders that have something stay. */
+static void unmake(const struct work *w, bool wrote, bool was_there)
+{
+	if (wrote)
+		io->unlinkat(w->fd, WORK_INPUTS, 0);
+	for (size_t i = 0; work_folders[i]; i++)
+		io->unlinkat(w->fd, work_folders[i], AT_REMOVEDIR);
+	if (!was_there)
+		io->unlinkat(AT_FDCWD, w->folder, AT_REMOVEDIR);
+}
+
+static int make_inside(struct work *w, const struct work_about *about, const struct work_input *input, size_t ninput,
+		       bool was_there, struct err *err)
+{
+	bool wrote = false, made = false;
+	int r = check_empty(w, err);
+
+	if (r)
+		return r;
+	for (size_t i = 0; !r && work_folders[i]; i++)
+		r = io_make_dir(w->fd, work_folders[i], 0750, err);
+	if (!r) {
+		r = write_inputs(w, input, ninput, err);
+		wrote = !r;
+	}
+	/* Last: with this file it is a work folder. */
+	if (!r) {
+		r = write_about(w, about, err);
+		made = !r;
+	}
+	if (!r)
+		r = io_sync(w->fd, w->folder, err);
+	/* A file that exists is of another command, at the same time. */
+	if (r && !made && err->sys != EEXIST)
+		unmake(w, wrote, was_there);
+	return r;
 }
 
 int work_make(const char *folder, const struct work_about *about, const struct work_input *input, size_t ninput,
 	      struct work **ret, struct err *err)
 {
 	struct work *w = work_new(folder);
+	bool was_there;
+	struct stat st;
 	int r;
 
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a work folder");
-	r = io_make_dir(AT_FDCWD, folder, 0777, err);
+	was_there = io->fstatat(AT_FDCWD, folder, &st, 0) == 0;
+	r = io_make_dir(AT_FDCWD, folder, 0750, err);
 	if (!r)
 		r = open_folder(w, err);
 	if (!r)
-		r = check_empty(w, err);
-	for (size_t i = 0; !r && i < sizeof folders / sizeof folders[0]; i++)
-		r = io_make_dir(w->fd, folders[i], 0777, err);
-	if (!r)
-		r = write_inputs(w, input, ninput, err);
-	/* Last: with this file it is a work folder. */
-	if (!r)
-		r = write_about(w, about, err);
-	if (!r)
-		r = io_sync(w->fd, folder, err);
+		r = make_inside(w, about, input, ninput, was_there, err);
 	work_close(w);
 	return r ? r : work_open(folder, ret, err);
 }
@@ -295,10 +370,10 @@ static int read_about(struct work *w, struct err *err)
 	struct work_in in;
 	const char **word;
 	size_t room;
-	int r = work_in_read(w, ABOUT, ABOUT, false, &in, err);
+	int r = work_in_read(w, WORK_ABOUT, WORK_ABOUT, false, &in, err);
 
 	if (r == WORK_E_ABSENT) {
-		err_set(err, ERR_NOTFOUND, "it is no work folder: it has no file " ABOUT);
+		err_set(err, ERR_NOTFOUND, "it is no work folder: it has no file " WORK_ABOUT);
 		return err_add_file(err, w->folder);
 	}
 	if (r)
@@ -312,7 +387,7 @@ static int read_about(struct work *w, struct err *err)
 	if (parse_about(&in, &w->about, word, room))
 		return 0;
 	err_set(err, ERR_CORRUPT, "it is damaged");
-	return err_add_file(err, ABOUT);
+	return err_add_file(err, WORK_ABOUT);
 }
 
 int work_open(const char *folder, struct work **ret, struct err *err)
@@ -339,11 +414,11 @@ int work_inputs(const struct work *w, struct work_input **ret, size_t *ret_n, st
 	struct work_in in;
 	size_t room, n = 0;
 	bool good = true;
-	int r = work_in_read(w, INPUTS, INPUTS, true, &in, err);
+	int r = work_in_read(w, WORK_INPUTS, WORK_INPUTS, true, &in, err);
 
 	if (r == WORK_E_ABSENT) {
 		err_set(err, ERR_NOTFOUND, "the work folder has no list of inputs");
-		return err_add_file(err, INPUTS);
+		return err_add_file(err, WORK_INPUTS);
 	}
 	if (r)
 		return r;
@@ -368,7 +443,7 @@ int work_inputs(const struct work *w, struct work_input **ret, size_t *ret_n, st
 	if (!good) {
 		free(input);
 		err_set(err, ERR_CORRUPT, "it is damaged");
-		return err_add_file(err, INPUTS);
+		return err_add_file(err, WORK_INPUTS);
 	}
 	*ret = input;
 	*ret_n = n;
@@ -379,7 +454,7 @@ int work_inputs(const struct work *w, struct work_input **ret, size_t *ret_n, st
 
 int work_cancel(struct work *w, struct err *err)
 {
-	int fd, r = io_open(w->fd, CANCELLED, O_WRONLY | O_CREAT, 0666, &fd, err);
+	int fd, r = io_open(w->fd, WORK_CANCELLED, O_WRONLY | O_CREAT, 0640, &fd, err);
 
 	if (!r)
 		io_close(fd);
@@ -388,43 +463,12 @@ int work_cancel(struct work *w, struct err *err)
 
 int work_uncancel(struct work *w, struct err *err)
 {
-	return io_remove(w->fd, CANCELLED, err);
+	return io_remove(w->fd, WORK_CANCELLED, err);
 }
 
 bool work_cancelled(const struct work *w)
 {
 	struct stat st;
 
-	return io->fstatat(w->fd, CANCELLED, &st, AT_SYMLINK_NOFOLLOW) == 0;
-}
-
-struct cleaning {
-	const struct work *work;
-	const char *const *keep;
-	bool kept;
-};
-
-static int clean_entry(void *ctx, const struct dirent *e, struct err *err)
-{
-	struct cleaning *c = ctx;
-
-	for (const char *const *k = c->keep; k && *k; k++)
-		if (!strcmp(*k, e->d_name)) {
-			c->kept = true;
-			return 0;
-		}
-	/* With this file it stays a work folder until all else is gone, so that a clean that was interrupted can be repeated. */
-	return strcmp(e->d_name, ABOUT) ? io_folder_remove(c->work->fd, e->d_name, err) : 0;
-}
-
-int work_clean(struct work *w, const char *const *keep, struct err *err)
-{
-	struct cleaning c = {.work = w, .keep = keep};
-	int r = io_list(w->fd, ".", clean_entry, &c, err);
-
-	if (!r)
-		r = io_remove(w->fd, ABOUT, err);
-	if (!r && !c.kept && io->unlinkat(AT_FDCWD, w->folder, AT_REMOVEDIR) < 0 && errno != ENOENT)
-		r = err_sys(err, errno, "cannot remove the folder %s", w->folder);
-	return r;
+	return io->fstatat(w->fd, WORK_CANCELLED, &st, AT_SYMLINK_NOFOLLOW) == 0;
 }

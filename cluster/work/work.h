@@ -39,10 +39,10 @@ struct work_input {
 };
 
 /* Makes the folder, which may exist and be empty, with everything in it: `about`, then the inputs (copied). -ERR_CONFLICT: it is
- * a work folder already, or has other files. */
+ * a work folder already, or has other files. After another failure it is as it was before. */
 int work_make(const char *folder, const struct work_about *, const struct work_input *input, size_t ninput, struct work **ret,
 	      struct err *err);
-/* -ERR_NOTFOUND: it is no work folder. */
+/* -ERR_NOTFOUND: it is no work folder, or none at all. */
 int work_open(const char *folder, struct work **ret, struct err *err);
 struct work *work_close(struct work *);                   /* NULL is fine; returns NULL */
 const char *work_folder(const struct work *);             /* as it was given */
@@ -135,8 +135,9 @@ int work_failure_look(const struct work *, enum work_phase, uint32_t task, struc
 int work_cancel(struct work *, struct err *err);
 int work_uncancel(struct work *, struct err *err);
 bool work_cancelled(const struct work *);
-/* Removes everything in the folder and the folder itself; not what is listed in `keep` (names in the folder; a NULL ends it). No
- * task may run any more. Lists folders. */
+/* Removes all of the run and the folder itself; not what is listed in `keep` (names in the folder; a NULL ends it). A folder that
+ * was named by a symbolic link stays, empty. -ERR_CONFLICT: it has other files, too; nothing is removed. No task may run any
+ * more. Lists folders. */
 int work_clean(struct work *, const char *const *keep, struct err *err);
 
 #endif

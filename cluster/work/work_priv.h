@@ -6,8 +6,15 @@
 
 #include "work.h"
 
+/* What is in the folder beside the results of tasks. */
+#define WORK_ABOUT "acut-work"
+#define WORK_INPUTS "inputs"
+#define WORK_CANCELLED "cancelled"
+extern const char *const work_folders[]; /* a NULL at the end */
+
 struct work {
-	char *folder;
+	char *folder, *path; /* as given; absolute, without links, NULL: unknown */
+	bool linked;         /* the name that was given is a symbolic link */
 	int fd;
 	double patience;
 	struct work_about about;

@@ -61,7 +61,7 @@ void work_out_done(struct work_out *o)
 
 int work_write_new(const struct work *w, const char *temp, const void *bytes, size_t n, struct err *err)
 {
-	int fd, r = io_open(w->fd, temp, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
+	int fd, r = io_open(w->fd, temp, O_WRONLY | O_CREAT | O_EXCL, 0640, &fd, err);
 
 	if (r)
 		return r;

@@ -61,8 +61,25 @@ def refusals(base):
     expect(["mesh", survey, "-o", "-", *new], 2, "standard output is no output of a cluster")
     expect(["mesh", survey, "-o", survey, *new], 2, "one of the inputs")
     expect(["mesh", survey, "-o", base + "/m.foo", *new], 2, "does not give a format")
+    for name, words in (("/m.ply", []), ("/../w/m.ply", []), ("/", ["--tile", "100"]), ("/out", ["--tile", "100"])):
+        expect(["mesh", survey, "-o", work + name, *words, *new], 2, "the output is in the work folder", work + name)
+    os.mkdir(work)
+    os.symlink("w", base + "/link")
+    for name in (work + "/m.ply", base + "/link/m.ply", "w/m.ply", "link/../w/m.ply"):
+        expect(["mesh", survey, "-o", name, *new], 2, "the output is in the work folder", cwd=base)
+    expect(["mesh", survey, "-o", "m.ply", "--work", "."], 2, "the output is in the work folder", cwd=work)
+    os.unlink(base + "/link")
+    os.rmdir(work)
     expect(["mesh", "-", "-o", out, "--input-format", "xyz", *new], 2, "a pipe is no input of a cluster")
     expect(["mesh", base + "/none.laz", "-o", out, *new], 1, "none.laz", "cannot be opened")
+    os.mkfifo(base + "/fifo.xyz")
+    with open(base + "/list", "w") as f:
+        f.write(base + "/fifo.xyz\n")
+    for word in ("/fifo.xyz", "/list"):
+        expect(["mesh", ("@" if word == "/list" else "") + base + word, "-o", out, *new], 2, "fifo.xyz", "a pipe is no input of a cluster")
+    expect(["mesh", "/dev/null", "-o", out, *new], 1, "/dev/null", "it is no regular file")
+    for name in ("/fifo.xyz", "/list"):
+        os.unlink(base + name)
     expect(["mesh", survey, "-o", out, "--task-memory", "1M", *new], 1, "a task needs at least", "--task-memory")
     expect(["mesh", survey, "-o", out, "--input-format", "xzy", *new], 2, "there is no input format xzy")
     expect(["mesh", survey, "-o", out, "--attempts", "101", *new], 2, "--attempts is at most 100")
@@ -78,6 +95,7 @@ def refusals(base):
     for command in ("show", "wait", "cancel", "resume", "clean"):
         expect([command], 2, "needs at least 1 word")
         expect([command, base], 4, "it is no work folder")
+        expect([command, base + "/nix"], 4, "there is no such folder")
     error = json.loads(expect(["show", base, "--json"], 4))["error"]
     check("an error as JSON", error["code"] == "not-found" and error["file"] == base, str(error))
     with open(base + "/full", "w"):
@@ -180,6 +198,39 @@ def settings(base):
         with_settings(line + "\n")
 
 
+def sizes(base):
+    """What is expected of phases of one task, of large inputs, and of many small ones. The files have holes."""
+    def plan(*args):
+        out = json.loads(expect(["plan", *args, "--no-config", "--json"], 0))
+        return out, {p["phase"]: p for p in out["phases"]}
+
+    def made(name, size):
+        with open(base + "/" + name, "w") as f:
+            f.truncate(size)
+        return base + "/" + name
+
+    large, text, small = made("large.laz", 130 << 30), made("a.xyz", 600 << 30), base + "/small"
+    out, of = plan(large, "-o", base + "/m.obj")
+    check("core-hours of all phases", all(p["core_hours"] > 0 for p in out["phases"]), str(out))
+    check("core-hours are the sum", abs(out["core_hours"] - sum(p["core_hours"] for p in out["phases"])) < 1e-6, str(out))
+    check("time of a file that one task gathers", of["gather"]["time"] > 3 * 3600 and of["mesh"]["time"] == of["finish"]["time"] == 3600, str(of))
+    check("time of a large input", of["stage"]["time"] > 3 * 3600, str(of["stage"]))
+    check("time of a text that the head reads", plan(text, "--format", "null")[1]["head"]["time"] > 3 * 3600)
+    check("--time", {p["time"] for p in plan(large, "-o", base + "/m.obj", "--time", "90m")[0]["phases"]} == {5400})
+    check("--task-seconds", plan(large, "-o", base + "/m.obj", "--task-seconds", "900")[1]["mesh"]["time"] == 9000)
+    os.mkdir(small)
+    for k in range(500):
+        with open("%s/%d.xyz" % (small, k), "w") as f:
+            f.write("1 2 3\n4 5 6\n")
+    out, of = plan(small)
+    check("small files", out["points"] > 200, str(out))
+    check("memory of the commit", of["commit"]["memory"] == of["head"]["memory"])
+    with open(base + "/many", "w") as f:
+        f.writelines(small + "/1.xyz\n" for _ in range(120000))
+    of = plan("@" + base + "/many", "--task-memory", "200M")[1]
+    check("memory of the commit of many inputs", of["commit"]["memory"] == of["head"]["memory"] > of["plan"]["memory"], str(of))
+
+
 def pages():
     text = page("acut-cluster.1.scd")
     known = set()
@@ -239,7 +290,7 @@ def completion():
             check(shell, "acut-cluster complete" in f.read().replace("_acut_cluster complete", ""), "")
 
 
-for part in (refusals, owners, scripts, settings, json_names):
+for part in (refusals, owners, scripts, settings, sizes, json_names):
     with tempfile.TemporaryDirectory() as base:
         part(base)
 pages()

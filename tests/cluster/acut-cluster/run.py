@@ -135,6 +135,7 @@ def script(base):
     run(CLUSTER, "stage", survey, "--work", work, "--on", "script", "--task-points", "20000", "--no-config")
     run("sh", work + "/script")
     check("a script", show(work)["state"] == "done")
+    check("nothing is missing", run(CLUSTER, "resume", work).stdout.startswith("nothing is missing"))
     run(CLUSTER, "wait", work)
 
 
@@ -244,6 +245,65 @@ def options(base):
         run(CLUSTER, "clean", work, cwd=base)
 
 
+def killed_once(base):
+    """An attempt that failed is counted when its task is done, too."""
+    with open(base + "/a.xyz", "w") as f:
+        f.writelines("%d %d %d.5\n" % (k % 17, k * k % 19, k % 5) for k in range(300))
+    with open(base + "/kills", "w") as f:
+        f.write('#!/bin/bash\n[ $2 != stage ] || ! mkdir %s/killed 2>/dev/null || kill -9 $$\nexec %s "$@"\n' % (base, TASK))
+    os.chmod(base + "/kills", 0o755)
+    run(CLUSTER, "stage", base + "/a.xyz", "--work", base + "/w", "--on", "local", "--no-config", env={"ACUT_TASK": base + "/kills"})
+    s = show(base + "/w")
+    check("again", s["state"] == "done" and [p["again"] for p in s["phases"]] == [0, 1, 0] and s["phases"][1]["why"][0]["tasks"] == 1, str(s))
+
+
+def elsewhere(base):
+    """A relative --directory, for tasks and for later commands that begin in other folders; and clean without that folder."""
+    os.makedirs(base + "/top/in")
+    with open(base + "/top/in/a.xyz", "w") as f:
+        f.writelines("%d %d %d.5\n" % (k % 17, k * k % 19, k % 5) for k in range(300))
+    for k, way in enumerate((["--directory", "top"], ["--directory=top"])):
+        work = "%s/w%d" % (base, k)
+        run(CLUSTER, "mesh", "in/a.xyz", "-o", "m.ply", *way, "--work", work, "--on", "script", "--no-config", cwd=base)
+        run("sh", work + "/script", cwd="/")
+        check("a folder of the command", os.path.getsize(base + "/top/m.ply") > 1000)
+        run(CLUSTER, "clean", "w%d" % k, cwd=base)
+        check("clean with a relative name", not os.path.exists(work))
+    run(CLUSTER, "mesh", "in/a.xyz", "-o", "m.ply", "--directory", "top", "--work", base + "/w", "--on", "local", "--no-config", cwd=base)
+    shutil.rmtree(base + "/top")
+    p = run(CLUSTER, "clean", base + "/w")
+    check("clean without the folder of the command", "warning" in p.stderr and "/top" in p.stderr and not os.path.exists(base + "/w"), p.stderr)
+
+
+def reported(base):
+    """At the end of a run: the report as acutctl prints it, and what is odd about the inputs, also of a file that is cut off."""
+    survey, work = base + "/a.xyz", base + "/w"
+    with open(survey, "w") as f:
+        f.writelines("%d %d %d.5\n" % (k % 17, k * k % 19, k % 5) for k in range(300))
+    before = os.umask(0)
+    p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--no-config", "--sort")
+    run(CLUSTER, "cancel", work)
+    os.umask(before)
+    modes = {name: os.stat(os.path.join(top, name)).st_mode & 0o777 for top, folders, files in os.walk(base) for name in folders + files}
+    others = ["a.xyz", "m.ply", *os.listdir(work + "/log")]
+    wrong = {name: oct(mode) for name, mode in modes.items() if mode not in (0o640, 0o750) and name not in others}
+    os.unlink(work + "/cancelled")
+    check("permissions of a work folder", not wrong and modes["m.ply"] == 0o666, str(wrong))
+    for what, text in (("mesh", p), ("show", run(CLUSTER, "show", work)), ("wait", run(CLUSTER, "wait", work))):
+        check(what + " has the report", "wrote %s/m.ply\n" % base in text.stdout and " points used of 300" in text.stdout, text.stdout)
+        check(what + " warns", "warning: the coordinate system, the unit of x and y and the unit of z are unknown" in text.stderr, text.stderr)
+    for out in (show(work), json.loads(run(CLUSTER, "wait", work, "--json").stdout)):
+        check("as JSON", out["report"]["points"] == 300 and out["report"]["digest"] == out["result"]["digest"] and len(out["warnings"]) == 1 and
+              "are unknown" in out["warnings"][0], str(out))
+    check("a run with a mesh", "wrote" not in run(CLUSTER, "wait", work, "--quiet").stdout)
+    run(CLUSTER, "clean", work)
+    run(SYNTH, "--points", "2000", base + "/cut.las")
+    os.truncate(base + "/cut.las", os.path.getsize(base + "/cut.las") - 5000)
+    p = run(CLUSTER, "stage", base + "/cut.las", "--accept-truncated", "--work", work, "--on", "local", "--no-config", "--json")
+    out = json.loads(p.stdout)
+    check("a file that is cut off", out["report"] is None and any("cut.las: " in w for w in out["warnings"]), p.stdout)
+
+
 def output_tiles(base):
     """Outputs that many tasks write: relative names are of the folder of the command."""
     survey, d = tiles(base + "/tiles", 30000), Daemon(base)
@@ -252,6 +312,8 @@ def output_tiles(base):
             "--no-config", "--task-points", "20000", cwd=base)
     check("tiles", json.loads(p.stdout)["state"] == "done")
     check("gather is divided", [x["tasks"] for x in show(base + "/w")["phases"] if x["phase"] == "gather"] == [10], str(show(base + "/w")))
+    with open(base + "/w/acut-work") as f:
+        check("the folder of the command", "word --directory=%s\n" % os.path.realpath(base) in f.read())
     names = sorted(os.listdir(base + "/by-daemon"))
     check("the same tiles", names == sorted(os.listdir(base + "/by-tasks")) and len(names) > 20, str(os.listdir(base + "/by-tasks")))
     run(CLUSTER, "clean", "w", cwd=base)
@@ -360,7 +422,8 @@ def one_node(base):
         same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
 
 
-parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, killed_once, elsewhere, reported,
+                                     output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
 for name in sys.argv[1:] or [n for n in parts if "slurm" not in n and n != "one_node"]:
     begun = time.time()
     with tempfile.TemporaryDirectory() as base:

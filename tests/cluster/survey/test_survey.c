@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -416,6 +417,38 @@ static void little_memory_makes_runs(void **state)
 	assert_true(digest_equal(of[0].digest, of[1].digest));
 }
 
+/* Folders of killed tasks, of any run, go; those of living ones, and what is of others, stays. */
+static void left_scratch_is_removed(void **state)
+{
+	static const char *const names[] = {"acut-ff-stage-3-00000000000000aa", "acut-1b-stage-0-0123456789abcdef",
+					    "acut-1b-stage-1-0123456789abcdef", "acut-1b-stage-1-x", "acut-data"};
+	struct inputs in = tiles();
+	struct survey_params p = params();
+	struct work *w = make_run(&in, &one);
+	char scratch[128], path[256];
+	int living;
+
+	snprintf(scratch, sizeof scratch, "%s/scratch", top);
+	assert_int_equal(mkdir(scratch, 0700), 0);
+	for (unsigned i = 0; i < 5; i++) {
+		snprintf(path, sizeof path, "%s/%s", scratch, names[i]);
+		assert_int_equal(mkdir(path, 0700), 0);
+		strcat(path, "/run-1");
+		close(open(path, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+	}
+	snprintf(path, sizeof path, "%s/%s", scratch, names[2]);
+	living = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	assert_int_equal(flock(living, LOCK_EX), 0);
+	p.scratch = scratch;
+	run_all(w, &p);
+	work_close(w);
+	for (unsigned i = 0; i < 5; i++) {
+		snprintf(path, sizeof path, "%s/%s/run-1", scratch, names[i]);
+		assert_int_equal(access(path, F_OK) == 0, i >= 2);
+	}
+	close(living);
+}
+
 /* Segments of ranges of keys in place of those of the stages; the sources are what they were. */
 static void sorted_ranges_have_the_same_records(void **state)
 {
@@ -562,7 +595,17 @@ static void inputs_that_changed_are_refused_by_name(void **state)
 		assert_string_equal(err.file, in.path[5]);
 		work_close(w);
 	}
+	/* A pipe has come in its place: nobody waits for a writer. */
 	see(&in.file[5]);
+	w = make_run(&in, &one);
+	unlink(in.path[5]);
+	assert_int_equal(mkfifo(in.path[5], 0600), 0);
+	err = ERR_INIT;
+	alarm(60);
+	assert_true(survey_head(w, &p, &err) < 0);
+	alarm(0);
+	assert_non_null(strstr(told.all, "it is no regular file"));
+	work_close(w);
 	w = make_run(&in, &one);
 	unlink(in.path[5]);
 	err = ERR_INIT;
@@ -846,6 +889,7 @@ int main(void)
 		TEST(the_order_of_the_inputs_does_not_count),
 		TEST(neighbours_are_staged_together),
 		TEST(little_memory_makes_runs),
+		TEST(left_scratch_is_removed),
 		TEST(sorted_ranges_have_the_same_records),
 		TEST(two_attempts_at_once_leave_one_dataset),
 		TEST(an_attempt_that_ends_early_counts_for_nothing),

@@ -12,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <cmocka.h>
@@ -452,6 +453,112 @@ static void clean_leaves_what_is_kept(void **state)
 	assert_int_equal(access(folder, F_OK), -1);
 }
 
+static int fsyncs_left;
+
+static int full(int fd)
+{
+	(void)fd;
+	if (fsyncs_left--)
+		return 0;
+	errno = ENOSPC;
+	return -1;
+}
+
+/* However far it came; also if the folder was there before. What a killed command leaves is in the way of nobody. */
+static void a_run_that_cannot_be_made_leaves_nothing(void **state)
+{
+	struct work_about about = {.id = 0xabc, .memory = 64 << 20, .word = WORDS, .nword = 5};
+	struct io_table table = io_system;
+	struct err err = ERR_INIT;
+
+	(void)state;
+	check(work_clean(work, NULL, &err), &err);
+	work = work_close(work);
+	table.fsync = full;
+	for (int i = 0; i < 4; i++) {
+		assert_true(i < 2 || mkdir(folder, 0777) == 0);
+		fsyncs_left = i % 2;
+		io = &table;
+		assert_int_equal(work_make(folder, &about, INPUTS, 2, &work, &err), -ERR_NOSPACE);
+		io = &io_system;
+		err_clear(&err);
+		assert_int_equal(access(folder, F_OK) == 0, i >= 2);
+		assert_true(i < 2 || rmdir(folder) == 0);
+	}
+	assert_int_equal(work_open(folder, &work, &err), -ERR_NOTFOUND);
+	err_clear(&err);
+	assert_int_equal(mkdir(folder, 0777), 0);
+	assert_int_equal(chdir(folder) || mkdir("done", 0777) || mkdir("log", 0777) || chdir("/"), 0);
+	make();
+}
+
+/* What is not of the run stays, and then all of it. */
+static void clean_refuses_strangers(void **state)
+{
+	static const char *const strange[] = {"mesh.ply", "tiles", "stage-0", "stage-x-0123456789abcdef.seg", "acut-work.bak"};
+	char name[WORK_NAME];
+	struct err err = ERR_INIT;
+	int fd;
+
+	(void)state;
+	work_end(begin_with_file(0, name));
+	for (size_t i = 0; i < sizeof strange / sizeof *strange; i++) {
+		fd = openat(work_fd(work), strange[i], O_WRONLY | O_CREAT | O_EXCL, 0666);
+		assert_true(fd >= 0);
+		close(fd);
+		assert_int_equal(work_clean(work, NULL, &err), -ERR_CONFLICT);
+		assert_non_null(strstr(err.message, strange[i]));
+		err_clear(&err);
+		assert_true(is_there("acut-work") && is_there("dataset") && is_there(strange[i]));
+		assert_int_equal(unlinkat(work_fd(work), strange[i], 0), 0);
+	}
+	fd = openat(work_fd(work), "stage-12-0123456789abcdef.seg.tmp", O_WRONLY | O_CREAT | O_EXCL, 0666);
+	assert_true(fd >= 0);
+	close(fd);
+	check(work_clean(work, NULL, &err), &err);
+	assert_int_equal(access(folder, F_OK), -1);
+}
+
+/* The folder that was opened, also from another current folder. */
+static void clean_means_the_folder_that_was_opened(void **state)
+{
+	struct err err = ERR_INIT;
+	int before = open(".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+
+	(void)state;
+	assert_true(before >= 0);
+	work = work_close(work);
+	assert_int_equal(chdir(top), 0);
+	assert_int_equal(mkdir("other", 0777) || mkdir("other/work", 0777), 0);
+	check(work_open("work", &work, &err), &err);
+	assert_int_equal(chdir("other"), 0);
+	check(work_clean(work, NULL, &err), &err);
+	assert_int_equal(access(folder, F_OK), -1);
+	assert_int_equal(access("work", F_OK), 0);
+	assert_int_equal(fchdir(before), 0);
+	close(before);
+}
+
+static void clean_leaves_a_link_and_its_folder(void **state)
+{
+	char link[160];
+	struct err err = ERR_INIT;
+
+	(void)state;
+	for (int slash = 0; slash < 2; slash++) {
+		work = work_close(work);
+		snprintf(link, sizeof link, "%s/link%d", top, slash);
+		assert_int_equal(symlink("work", link), 0);
+		strcat(link, slash ? "/" : "");
+		check(work_open(link, &work, &err), &err);
+		check(work_clean(work, NULL, &err), &err);
+		assert_false(is_there("acut-work") || is_there("dataset"));
+		assert_int_equal(access(link, F_OK), 0);
+		work = work_close(work);
+		make();
+	}
+}
+
 int main(void)
 {
 #define EACH(fn) cmocka_unit_test_setup_teardown(fn, setup, teardown)
@@ -469,7 +576,11 @@ int main(void)
 		EACH(damage_is_not_believed),
 		EACH(failures_are_counted),
 		EACH(a_cancelled_run_begins_nothing),
+		EACH(a_run_that_cannot_be_made_leaves_nothing),
 		EACH(clean_leaves_what_is_kept),
+		EACH(clean_refuses_strangers),
+		EACH(clean_means_the_folder_that_was_opened),
+		EACH(clean_leaves_a_link_and_its_folder),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

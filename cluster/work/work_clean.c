@@ -1,0 +1,99 @@
+/*
+ * The end of a work folder. Only names that a run gives are removed: people put files of their own into the folder, and what was
+ * not made by the run cannot be made again by one.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "err.h"
+#include "io.h"
+#include "work_priv.h"
+
+struct cleaning {
+	const struct work *work;
+	const char *const *keep;
+	bool kept;
+};
+
+/* KIND-I-A and what follows: the name of a file of an attempt. */
+static bool is_of_attempt(const char *name)
+{
+	enum { DIGITS = 16 };
+	const size_t kind = strspn(name, "abcdefghijklmnopqrstuvwxyz");
+	const char *at = name + kind;
+	size_t n;
+
+	if (!kind || *at++ != '-')
+		return false;
+	n = strspn(at, "0123456789");
+	at += n;
+	return n && *at++ == '-' && strspn(at, "0123456789abcdef") >= DIGITS;
+}
+
+static bool is_of_run(const char *name)
+{
+	static const char *const files[] = {WORK_ABOUT, WORK_INPUTS, WORK_CANCELLED, NULL};
+	/* Of dispatchers; what NFS makes of a file that is removed while it is open. */
+	static const char *const heads[] = {"script", "driver", ".nfs", NULL};
+
+	for (const char *const *f = files; *f; f++)
+		if (!strcmp(name, *f))
+			return true;
+	for (const char *const *f = work_folders; *f; f++)
+		if (!strcmp(name, *f))
+			return true;
+	for (const char *const *h = heads; *h; h++)
+		if (!strncmp(name, *h, strlen(*h)))
+			return true;
+	return is_of_attempt(name);
+}
+
+static bool is_kept(const struct cleaning *c, const char *name)
+{
+	for (const char *const *k = c->keep; k && *k; k++)
+		if (!strcmp(*k, name))
+			return true;
+	return false;
+}
+
+static int check_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct cleaning *c = ctx;
+
+	if (is_kept(c, e->d_name) || is_of_run(e->d_name))
+		return 0;
+	err_set(err, ERR_CONFLICT, "%s is in the work folder, and not of the run", e->d_name);
+	err_add_hint(err, "move it to another folder first");
+	return err_add_file(err, c->work->folder);
+}
+
+static int clean_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct cleaning *c = ctx;
+
+	if (is_kept(c, e->d_name)) {
+		c->kept = true;
+		return 0;
+	}
+	/* With this file it stays a work folder until all else is gone, so that a clean that was interrupted can be repeated. */
+	return strcmp(e->d_name, WORK_ABOUT) ? io_folder_remove(c->work->fd, e->d_name, err) : 0;
+}
+
+int work_clean(struct work *w, const char *const *keep, struct err *err)
+{
+	struct cleaning c = {.work = w, .keep = keep};
+	int r = io_list(w->fd, ".", check_entry, &c, err);
+
+	if (!r)
+		r = io_list(w->fd, ".", clean_entry, &c, err);
+	if (!r)
+		r = io_remove(w->fd, WORK_ABOUT, err);
+	if (r || c.kept || w->linked || !w->path)
+		return r;
+	if (io->unlinkat(AT_FDCWD, w->path, AT_REMOVEDIR) < 0 && errno != ENOENT)
+		r = err_sys(err, errno, "cannot remove the folder %s", w->path);
+	return r;
+}
