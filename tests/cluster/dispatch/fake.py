@@ -6,7 +6,7 @@ import sys
 import tempfile
 
 RUN = os.environ["DISPATCH_RUN"]
-FAKE = r'''#!/usr/bin/env python3
+FAKE = r'''#!%s -S
 import json, os, re, sys
 here, name, args = os.path.dirname(os.path.abspath(__file__)), os.path.basename(sys.argv[0]), sys.argv[1:]
 path = os.path.join(here, "state.json")
@@ -62,7 +62,7 @@ class Work:
             os.makedirs(os.path.join(self.path, d))
         for name in ("fake", "sbatch", "squeue", "scontrol", "scancel"):
             with open(os.path.join(self.path, "bin", name), "w") as f:
-                f.write(FAKE)
+                f.write(FAKE.replace("%s", sys.executable, 1))
             os.chmod(f.name, 0o755)
         with open(self.path + "/bin/state.json", "w") as f:
             json.dump({"calls": [], "queue": [list(q) for q in queue], "states": states or {}, "job": 100, "array": array, "stubborn": list(stubborn), "ends": list(ends)}, f)

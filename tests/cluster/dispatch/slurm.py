@@ -175,6 +175,7 @@ def cancelled(base, s):
         s.run("scancel", "--name", name)
     out = p.communicate(timeout=60)[0]
     check("scancel from outside ends the wait", p.returncode == 1 and "cancelled from outside" in out and "resume" in out, out)
+    s.until("all is gone", lambda: not w.names(), 20)  # a task that still ends is not submitted again
     open(w.path + "/go", "w").close()
     w.run("submit")
     s.until("resume", lambda: len(w.done()) == 9)
