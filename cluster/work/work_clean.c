@@ -36,8 +36,8 @@ static bool is_of_attempt(const char *name)
 static bool is_of_run(const char *name)
 {
 	static const char *const files[] = {WORK_ABOUT, WORK_INPUTS, WORK_CANCELLED, NULL};
-	/* Of dispatchers; what NFS makes of a file that is removed while it is open. */
-	static const char *const heads[] = {"script", "driver", ".nfs", NULL};
+	/* Of dispatchers; temporary files of tasks; what NFS makes of a file that is removed while it is open. */
+	static const char *const heads[] = {"script", "spill.", ".nfs", NULL};
 
 	for (const char *const *f = files; *f; f++)
 		if (!strcmp(name, *f))

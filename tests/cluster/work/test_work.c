@@ -496,6 +496,7 @@ static void a_run_that_cannot_be_made_leaves_nothing(void **state)
 static void clean_refuses_strangers(void **state)
 {
 	static const char *const strange[] = {"mesh.ply", "tiles", "stage-0", "stage-x-0123456789abcdef.seg", "acut-work.bak"};
+	static const char *const own[] = {"stage-12-0123456789abcdef.seg.tmp", "spill.17.3.tmp", "script", ".nfs0123"};
 	char name[WORK_NAME];
 	struct err err = ERR_INIT;
 	int fd;
@@ -512,9 +513,11 @@ static void clean_refuses_strangers(void **state)
 		assert_true(is_there("acut-work") && is_there("dataset") && is_there(strange[i]));
 		assert_int_equal(unlinkat(work_fd(work), strange[i], 0), 0);
 	}
-	fd = openat(work_fd(work), "stage-12-0123456789abcdef.seg.tmp", O_WRONLY | O_CREAT | O_EXCL, 0666);
-	assert_true(fd >= 0);
-	close(fd);
+	for (size_t i = 0; i < sizeof own / sizeof *own; i++) {
+		fd = openat(work_fd(work), own[i], O_WRONLY | O_CREAT | O_EXCL, 0666);
+		assert_true(fd >= 0);
+		close(fd);
+	}
 	check(work_clean(work, NULL, &err), &err);
 	assert_int_equal(access(folder, F_OK), -1);
 }
