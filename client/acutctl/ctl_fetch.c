@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "outfile.h"
 
 /* The job is asked for again: its texts are valid until the next call. */
 static int report_hidden(struct session *session, uint64_t id, struct outfile *out)
@@ -83,6 +82,6 @@ int ctl_fetch_run(struct program *ctl)
 	outputs_free(run);
 	if (!status && hidden)
 		status = report_hidden(session, id, hidden);
-	outfile_free(hidden);
+	ctl_report_hidden_close(hidden);
 	return status;
 }

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 
 #include "ctl.h"
-#include "outfile.h"
 
 static int fetch(struct program *ctl, const struct acut_job *job, struct outputs *run, const struct ctl_staged *staged)
 {
@@ -90,7 +89,7 @@ int ctl_mesh_run(struct program *ctl)
 		r = open_hidden(ctl, &in, view, &hidden, &err);
 	status = r ? session_error(session, &err) : mesh(ctl, &in, view, run, hidden);
 	outputs_free(run);
-	outfile_free(hidden);
+	ctl_report_hidden_close(hidden);
 	ctl_inputs_done(&in);
 	free(view);
 	return status;

@@ -74,6 +74,7 @@ int ctl_report_hidden_check(const char *view, struct err *err);
 /* The positions that the weights of a view (a request, or its canonical text) hide, with class and file, as GeoJSON in the plane
  * of the dataset. Prints its failure; exit status. */
 int ctl_report_hidden(struct session *, const char *dataset, uint64_t generation, const char *view, struct outfile *);
+void ctl_report_hidden_close(struct outfile * /* or NULL */); /* removes what was not completed */
 
 /* ---- the records of a file ---- */
 

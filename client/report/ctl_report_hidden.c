@@ -226,3 +226,8 @@ int ctl_report_hidden(struct session *session, const char *dataset, uint64_t gen
 	free(w.names.text);
 	return status;
 }
+
+void ctl_report_hidden_close(struct outfile *out)
+{
+	outfile_free(out);
+}
