@@ -412,6 +412,8 @@ def adopted_by_another():
         work = Work(base, inputs(base, 1), gathers=1)
         os.chmod(base, 0o755)
         os.chmod(d.socket, 0o666)
+        # Reading the folder is not what is refused.
+        subprocess.run(["chmod", "-R", "a+rX", work.first], check=True)
         p = subprocess.run([e2e.ACUTCTL, "cache", "adopt", work.first], env=dict(os.environ, ACUT_SOCKET=d.socket), user=65534, group=65534,
                            extra_groups=[], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         expect(p.returncode == 77 and "administrators" in p.stderr, "%d %s" % (p.returncode, p.stderr))
