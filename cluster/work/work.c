@@ -354,17 +354,6 @@ static bool parse_about(struct work_in *in, struct work_about *a, const char **w
 	return a->id && a->memory;
 }
 
-static size_t count_lines(const char *text)
-{
-	size_t n = 0;
-
-	while ((text = strchr(text, '\n'))) {
-		text++;
-		n++;
-	}
-	return n;
-}
-
 static int read_about(struct work *w, struct err *err)
 {
 	struct work_in in;
@@ -379,7 +368,7 @@ static int read_about(struct work *w, struct err *err)
 	if (r)
 		return r;
 	w->text = in.text;
-	room = count_lines(in.at);
+	room = work_in_lines(&in);
 	word = calloc(room + 1, sizeof *word);
 	if (!word)
 		return err_set(err, ERR_NOMEM, "no memory for %zu words", room);
@@ -422,7 +411,7 @@ int work_inputs(const struct work *w, struct work_input **ret, size_t *ret_n, st
 	}
 	if (r)
 		return r;
-	room = count_lines(in.at);
+	room = work_in_lines(&in);
 	input = malloc((room + 1) * sizeof *input + in.size + 1);
 	if (!input) {
 		free(in.text);

@@ -43,10 +43,13 @@ struct work_in {
 /* -ERR_CORRUPT, -ERR_VERSION. WORK_E_ABSENT: there is no such file, or, with `wait`, not even after the patience. `text` is the
  * caller's (free). */
 int work_in_read(const struct work *, const char *name, const char *kind, bool wait, struct work_in *ret, struct err *err);
+size_t work_in_lines(const struct work_in *); /* that are left */
 /* The next line; false: there are no more. */
 bool work_in_line(struct work_in *, char **ret_key, char **ret_rest);
 /* A number in front of `*rest`, which is moved behind it and the space there. */
 bool work_in_u64(char **rest, uint64_t *ret);
+
+int work_corrupt(const char *name, const char *what, struct err *err); /* -ERR_CORRUPT */
 
 /* Writes a new file `temp`, fsynced, which must not exist. */
 int work_write_new(const struct work *, const char *temp, const void *bytes, size_t n, struct err *err);

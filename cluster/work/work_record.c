@@ -9,12 +9,6 @@
 
 enum { NAME = 64 };
 
-static int corrupt(const char *name, struct err *err)
-{
-	err_set(err, ERR_CORRUPT, "it is damaged");
-	return err_add_file(err, name);
-}
-
 /* Those of a record in lines; `file` and `value` have room for all lines. */
 static bool parse_record(struct work_in *in, struct work_record *r)
 {
@@ -58,17 +52,6 @@ static bool parse_record(struct work_in *in, struct work_record *r)
 	return r->host && r->attempt;
 }
 
-static size_t count_lines(const char *text)
-{
-	size_t n = 0;
-
-	while ((text = strchr(text, '\n'))) {
-		text++;
-		n++;
-	}
-	return n;
-}
-
 static int record_read(const struct work *w, enum work_phase phase, uint32_t task, bool wait, struct work_record **ret,
 		       struct err *err)
 {
@@ -83,7 +66,7 @@ static int record_read(const struct work *w, enum work_phase phase, uint32_t tas
 	if (r)
 		return r;
 	rec = calloc(1, sizeof *rec);
-	lines = count_lines(in.at);
+	lines = work_in_lines(&in);
 	if (rec) {
 		rec->text = in.text;
 		rec->file = calloc(lines + 1, sizeof *rec->file);
@@ -97,7 +80,7 @@ static int record_read(const struct work *w, enum work_phase phase, uint32_t tas
 	}
 	if (!parse_record(&in, rec) || rec->phase != phase || rec->task != task) {
 		work_record_free(rec);
-		return corrupt(name, err);
+		return work_corrupt(name, "it is damaged", err);
 	}
 	*ret = rec;
 	return 0;

@@ -78,7 +78,7 @@ int work_write_new(const struct work *w, const char *temp, const void *bytes, si
 
 /* ---- reading ---- */
 
-static int corrupt(const char *name, const char *what, struct err *err)
+int work_corrupt(const char *name, const char *what, struct err *err)
 {
 	err_set(err, ERR_CORRUPT, "%s", what);
 	return err_add_file(err, name);
@@ -97,7 +97,7 @@ static int read_text(int fd, const char *name, struct work_in *in, bool *again, 
 		return err_sys(err, errno, "cannot read %s", name);
 	}
 	if ((uint64_t)st.st_size > TEXT_MOST)
-		return corrupt(name, "it is too large for a file of a work folder", err);
+		return work_corrupt(name, "it is too large for a file of a work folder", err);
 	in->size = (size_t)st.st_size;
 	in->text = malloc(in->size + 1);
 	if (!in->text)
@@ -110,11 +110,11 @@ static int read_text(int fd, const char *name, struct work_in *in, bool *again, 
 	in->text[in->size] = 0;
 	*again = true;
 	if (in->size < CHECK || memchr(in->text, 0, in->size))
-		return corrupt(name, "it is damaged", err);
+		return work_corrupt(name, "it is damaged", err);
 	check = in->text + in->size - CHECK;
 	snprintf(sum, sizeof sum, "check %016llx\n", (unsigned long long)XXH3_64bits(in->text, in->size - CHECK));
 	if (memcmp(check, sum, CHECK) != 0)
-		return corrupt(name, "it is damaged", err);
+		return work_corrupt(name, "it is damaged", err);
 	*again = false;
 	*check = 0;
 	in->at = in->text;
@@ -126,7 +126,7 @@ static int check_kind(struct work_in *in, const char *name, const char *kind, st
 	char *key, *rest;
 
 	if (!work_in_line(in, &key, &rest) || strcmp(key, kind) != 0)
-		return corrupt(name, "it is of another kind", err);
+		return work_corrupt(name, "it is of another kind", err);
 	if (strcmp(rest, VERSION) == 0)
 		return 0;
 	err_set(err, ERR_VERSION, "it has version %.20s, this version of acut reads " VERSION, rest);
@@ -163,6 +163,15 @@ int work_in_read(const struct work *w, const char *name, const char *kind, bool 
 		ret->text = NULL;
 	}
 	return r;
+}
+
+size_t work_in_lines(const struct work_in *in)
+{
+	size_t n = 0;
+
+	for (const char *at = in->at; (at = strchr(at, '\n')); at++)
+		n++;
+	return n;
 }
 
 static void unescape(char *s)
