@@ -424,12 +424,13 @@ class World:
         print("month %2d: " % month + ", ".join("%s %d" % x for x in self.figures[-1].items()), flush=True)
 
     def level(self):
-        """No growth from the second month on but by the points: 16 bytes each, and 24 KB a segment at most; 500 bytes a file in a
-        manifest, with its share of the log; 20 bytes of finished domains a point."""
+        """No growth from the second month on but by the points: 16 bytes each, half of that again for points that no
+        generation has any more and no prune has taken, and 24 KB a segment at most; 500 bytes a file in a manifest, with its share of the log;
+        20 bytes of finished domains a point."""
         f = self.figures
         for n, now in enumerate(f):
             expect(now["peak"] <= MEMORY + BEYOND, "month %d: %d bytes were resident" % (n + 1, now["peak"]))
-            expect(now["datasets"] <= 16 * now["points"] + 24000 * now["segments"], "month %d: more in segments than points explain" % (n + 1))
+            expect(now["datasets"] <= 24 * now["points"] + 24000 * now["segments"], "month %d: more in segments than points explain" % (n + 1))
             expect(now["manifests"] <= 500 * now["files"], "month %d: more in manifests than files explain" % (n + 1))
             expect(now["cache"] <= 20 * now["points"] + (256 << 10), "month %d: more in the cache than points explain" % (n + 1))
         others = [x["state"] - x["datasets"] - x["manifests"] for x in f]

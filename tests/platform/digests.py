@@ -7,10 +7,11 @@ import sys
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
 import e2e  # noqa: E402
+import outputs  # noqa: E402
 from e2e import expect  # noqa: E402
 
 VIEWS = ((), ("--ground",), ("--planar", "--keep-withheld", "--keep-noise"))
-FORMATS = ("survey", "las12_pdrf1_lake_103k.laz")
+SECOND = "las12_pdrf1_lake_103k.laz"  # beside a generated survey, in all formats
 
 
 def program(build, name):
@@ -58,7 +59,7 @@ def real_files():
 
 
 def machines(base):
-    e2e.ACUTCTL = program("ACUT_BUILD", "client/acutctl/acutctl")  # Daemon.start asks with it
+    e2e.ACUTCTL = program("ACUT_BUILD", "client/acutctl/acutctl")  # Daemon and outputs ask with it
     return [Machine(base, build) for build in ("ACUT_BUILD", "ACUT_ARM64")]
 
 
@@ -83,13 +84,13 @@ def every_format():
             survey = os.path.join(base, "survey.las")
             e2e.run([program("ACUT_BUILD", "tools/acut-synth"), "--points", 20000, survey]).ok()
             data = e2e.data_dir()
-            inputs = [survey] + ([os.path.join(data, "lidar", FORMATS[1])] if data else [])
+            inputs = [survey] + ([os.path.join(data, "lidar", SECOND)] if data else [])
             for path in inputs:
-                for out in ("m.ply", "m.obj", "m.xml", "m.dxf", "m.glb", "m.stl", "m.html", "m.png", "m.tif", "c.gpkg", "c.geojson", "c.dxf"):
-                    options = ("--interval", "1m") if out[0] == "c" else ()
-                    want, got = here.mesh(path, *options, out=out), there.mesh(path, *options, out=out)
-                    expect(want[0] == 0, "%s of %s: status %d" % (out, path, want[0]))
-                    expect(got == want, "%s of %s:\n%s here\n%s on arm64" % (out, path, want, got))
+                for name, words, end in outputs.formats():
+                    words = [*words, *(["--assume-units", "m,m"] if path != survey else [])]
+                    want, got = here.mesh(path, *words, out="m" + end), there.mesh(path, *words, out="m" + end)
+                    expect(want[0] == 0, "%s of %s: status %d" % (name, path, want[0]))
+                    expect(got == want, "%s of %s:\n%s here\n%s on arm64" % (name, path, want, got))
                     n += 1
     print("%d files in all formats: byte by byte the same" % n)
 
