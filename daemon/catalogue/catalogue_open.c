@@ -41,13 +41,15 @@ int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 {
 	int code = sqlite3_extended_errcode(c->db) & 0xff;
 	enum err_code as = catalogue_err_code(code);
-	int sys = code == SQLITE_IOERR ? sqlite3_system_errno(c->db) : 0;
+	int sys = code == SQLITE_IOERR || code == SQLITE_CANTOPEN ? sqlite3_system_errno(c->db) : 0;
 
 	/* Without memory SQLite may fail anywhere in a commit, also after it became durable. */
 	c->io_failed |= code == SQLITE_IOERR || code == SQLITE_NOMEM;
 	if (sys == ENOSPC || sys == EDQUOT)
 		as = ERR_NOSPACE;
 	err_set(err, as, "%s: %s%s%s", what, sqlite3_errmsg(c->db), sys ? ": " : "", sys ? strerror(sys) : "");
+	/* An error of the disk, after which another start may help, also where SQLite keeps no number. */
+	err->sys = code == SQLITE_IOERR && !sys ? EIO : sys;
 	return as == ERR_CORRUPT ? err_add_hint(err, "take the state from a backup") : -(int)as;
 }
 

@@ -110,4 +110,5 @@ def killed():
                 os.unlink(os.path.join(outs, n))
 
 
-main(same_bytes, small_meshes, killed)
+if __name__ == "__main__":
+    main(same_bytes, small_meshes, killed)

@@ -29,12 +29,26 @@ def attempt(store, inputs, name):
     return failed
 
 
+def refused_start(store):
+    """An error of the disk is none that another start cannot help against: the exit status is that of such an error, and systemd starts
+    acutd again."""
+    store.start()
+    store.stop()
+    try:
+        store.start(prefix=["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=pwrite64", "-e", "inject=pwrite64:error=EIO:when=1+"])
+    except Fault:
+        expect(store.process.returncode == 74, "a start ended with %d\n%s" % (store.process.returncode, store.log_text()))
+        return
+    raise Fault("it starts, and cannot write")
+
+
 def main():
     faults.need_tools("strace")
     points, rng = faults.setting("ACUT_FAULT_CALLS", 30), random.Random(faults.setting("ACUT_FAULT_SEED", 1))
     failed = refused = 0
     with e2e.Folder() as base, Store(base, args=("--space-wait", "1")) as store:
         inputs = Inputs(base)
+        refused_start(store)
         for i in range(points):
             call, error = CALLS[i % len(CALLS)]
             when = "%d%s" % (rng.randrange(1, 30), "+" if rng.random() < 0.3 else "")

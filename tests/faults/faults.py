@@ -60,6 +60,7 @@ class Store:
     """State and cache below `base`, and the daemons that use them, one after the other."""
 
     quiet = False  # True: the log of a failure is not printed
+    acutd, acutctl = e2e.ACUTD, e2e.ACUTCTL
 
     def __init__(self, base, memory="24M", args=(), state=None, cache=None):
         self.base, self.args, self.memory = base, list(args), memory
@@ -77,7 +78,7 @@ class Store:
             s.settimeout(0.05)
             begun = time.monotonic()
             self.process = subprocess.Popen(
-                [*prefix, e2e.ACUTD, "--no-config", "--init", "--socket", self.socket, "--state", self.state, "--cache", self.cache, "--memory",
+                [*prefix, self.acutd, "--no-config", "--init", "--socket", self.socket, "--state", self.state, "--cache", self.cache, "--memory",
                  self.memory, "--threads", "2", *self.args],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=dict(os.environ, NOTIFY_SOCKET=notify, **(env or {})))
             while time.monotonic() - begun < within:
@@ -132,7 +133,7 @@ class Store:
         return self.process.returncode
 
     def ctl(self, *args, **kw):
-        return e2e.run([e2e.ACUTCTL, *args], env={"ACUT_SOCKET": self.socket}, timeout=kw.pop("timeout", 300), **kw)
+        return e2e.run([self.acutctl, *args], env={"ACUT_SOCKET": self.socket}, timeout=kw.pop("timeout", 300), **kw)
 
     def rows(self, what):
         return [json.loads(line) for line in self.ctl(what, "--json").ok().out.splitlines() if line]

@@ -28,16 +28,21 @@ OPTIONS = "commit=300,noatime"
 LEAST = 6  # the work is done at least this many times, also on slow machines
 
 
-class Disk:
-    """ext4 on a loop device on nbdfuse on nbdkit with the plugin."""
+def make_disk(image, size):
+    with open(image, "wb") as f:
+        f.truncate(size)
+    e2e.run(["mkfs.ext4", "-q", "-E", "lazy_itable_init=0,lazy_journal_init=0", "-m", "0", image]).ok()
 
-    def __init__(self, base, size=SIZE, plugin=None):
-        self.base, self.image, self.log = base, os.path.join(base, "disk"), os.path.join(base, "log.bin")
+
+class Disk:
+    """ext4 on a loop device on nbdfuse on nbdkit with the plugin. `image`: one that is there already."""
+
+    def __init__(self, base, size=SIZE, plugin=None, image=None):
+        self.base, self.image, self.log = base, image or os.path.join(base, "disk"), os.path.join(base, "log.bin")
         self.mount, self.node = os.path.join(base, "mnt"), os.path.join(base, "node")
         self.undo = []
-        with open(self.image, "wb") as f:
-            f.truncate(size)
-        e2e.run(["mkfs.ext4", "-q", "-E", "lazy_itable_init=0,lazy_journal_init=0", "-m", "0", self.image]).ok()
+        if not image:
+            make_disk(self.image, size)
         self.plugin = plugin or [os.path.join(BUILD, "write_log.so"), "file=" + self.image, "log=" + self.log]
 
     def __enter__(self):

@@ -1,5 +1,6 @@
 /* See simplified.h. */
 #include "simplified.h"
+#include "quad.h"
 
 typedef __int128 wide;
 
@@ -97,10 +98,10 @@ static size_t met(const struct simplified *a, const struct simplified *b)
 	return n;
 }
 
-static bool is_far(const int64_t *a, const int64_t *b, const int64_t *q, __float128 tolerance)
+static bool is_far(const int64_t *a, const int64_t *b, const int64_t *q, quad tolerance)
 {
-	__float128 x = b[0] - a[0], y = b[1] - a[1], u = q[0] - a[0], v = q[1] - a[1], length = x * x + y * y;
-	__float128 along = u * x + v * y, across = u * y - v * x, w = q[0] - b[0], z = q[1] - b[1];
+	quad x = b[0] - a[0], y = b[1] - a[1], u = q[0] - a[0], v = q[1] - a[1], length = x * x + y * y;
+	quad along = u * x + v * y, across = u * y - v * x, w = q[0] - b[0], z = q[1] - b[1];
 
 	if (along <= 0)
 		return u * u + v * v > tolerance * tolerance;

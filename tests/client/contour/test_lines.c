@@ -13,6 +13,7 @@
 #include "contour_priv.h"
 #include "err.h"
 #include "outfile.h"
+#include "quad.h"
 #include "repeat.h"
 #include "surface.h"
 
@@ -51,7 +52,7 @@ static double place(int32_t from, int32_t to, int32_t zfrom, int32_t zto, const 
 	__int128 d = (__int128)((int64_t)zto - zfrom) * l->den, n = level * l->num + l->off - zfrom * l->den;
 	__int128 sum = (from + k) * d + ((int64_t)to - from) * n;
 
-	return (double)((__float128)sum / (__float128)(d * 100));
+	return (double)((quad)sum / (quad)(d * 100));
 }
 
 static void crossing(const struct surface *s, uint32_t a, uint32_t b, const struct levels *l, int64_t level, double at[2],
