@@ -10,6 +10,8 @@
 #include "err.h"
 
 enum { COUNT_MAX = 1 << 15, BIT_COUNT_MAX = 1 << 13, BIT_CYCLE_MAX = 64 };
+/* The most frequent symbol is looked at first if it is at least one in so many. */
+enum { GUESS_WORTH = 3 };
 
 _Static_assert(sizeof(struct laz_model) == 16 && sizeof(struct laz_bit_model) <= 16, "multiples of 16");
 
@@ -48,6 +50,27 @@ void laz_bit_update(struct laz_bit_model *m)
 	m->left = m->cycle = (uint16_t)(cycle < BIT_CYCLE_MAX ? cycle : BIT_CYCLE_MAX);
 }
 
+/*
+ * The entries [t, end) of the table, `end` is returned. The first 16 bytes are written at once, without a look at the end: what
+ * is too many belongs to the next symbols, which are written later, or to the padding behind the table.
+ */
+static unsigned fill(uint8_t *table, unsigned t, unsigned end, unsigned symbol)
+{
+	memset(table + t, (int)symbol, 16);
+	if (end > t + 16)
+		memset(table + t + 16, (int)symbol, end - t - 16);
+	return end;
+}
+
+static unsigned fill_wide(uint16_t *table, unsigned t, unsigned end, unsigned symbol)
+{
+	for (unsigned i = 0; i < 8; i++)
+		table[t + i] = (uint16_t)symbol;
+	for (t += 8; t < end; t++)
+		table[t] = (uint16_t)symbol;
+	return end;
+}
+
 /* Borders, table and guess from the counts, whose sum is m->total. */
 static void settle(struct laz_model *m, unsigned layout)
 {
@@ -61,16 +84,11 @@ static void settle(struct laz_model *m, unsigned layout)
 		sum += scale * count[i];
 		guess = count[i] > count[guess] ? i : guess;
 	}
-	m->guess = (uint16_t)guess;
+	m->guess = (uint16_t)(count[guess] * GUESS_WORTH >= m->total ? guess : LAZ_NO_GUESS);
 	for (unsigned i = 0; i < n; i++) {
 		unsigned end = i + 1 < n ? (border[i + 1] + (1u << shift) - 1) >> shift : entries;
 
-		for (; t < end; t++) {
-			if (LAZ_WIDE(layout))
-				words[t] = (uint16_t)i;
-			else
-				((uint8_t *)words)[t] = (uint8_t)i;
-		}
+		t = LAZ_WIDE(layout) ? fill_wide(words, t, end, i) : fill((uint8_t *)words, t, end, i);
 	}
 }
 

@@ -84,7 +84,7 @@ LAZ_INLINE void laz_median_add(struct laz_median *m, int32_t v)
 	m->v[4] = MORE(d, v);
 #undef LESS
 #undef MORE
-	m->low = m->low ? v > middle : v >= middle;
+	m->low = (uint32_t)(v > middle) | (~m->low & (uint32_t)(v == middle));
 }
 
 #endif
