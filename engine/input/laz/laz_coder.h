@@ -249,16 +249,20 @@ struct laz_int;
 /* At the beginning of every chunk. */
 void laz_int_reset(struct laz_int *, unsigned bits, unsigned contexts);
 
-/* *ret_k: how many bits the correction had, 0 to `bits`. */
-LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts, int32_t predicted,
-				unsigned context, unsigned *ret_k)
+/* How many bits the correction has, 0 to `bits`. */
+LAZ_INLINE unsigned laz_int_bits(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned context)
 {
-	uint8_t *memory = (uint8_t *)in, *zero = memory + LAZ_INT_BITS_AT(contexts, bits);
-	unsigned k = laz_symbol_lazy(c, laz_model_at((struct laz_model *)in, bits + 1, context), bits + 1);
+	return laz_symbol_lazy(c, laz_model_at((struct laz_model *)in, bits + 1, context), bits + 1);
+}
+
+/* The integer, of which the correction has k bits. */
+LAZ_INLINE int32_t laz_int_value(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts, int32_t predicted,
+				 unsigned k)
+{
+	uint8_t *zero = (uint8_t *)in + LAZ_INT_BITS_AT(contexts, bits);
 	struct laz_model *m;
 	uint32_t v;
 
-	*ret_k = k;
 	if (k == 0) {
 		v = laz_bit(c, (struct laz_bit_model *)zero);
 	} else if (k < 32) {
@@ -275,6 +279,14 @@ LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigne
 	}
 	v += (uint32_t)predicted;
 	return (int32_t)(bits < 32 ? v & ((UINT32_C(1) << (bits & 31)) - 1) : v);
+}
+
+/* Both. */
+LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts, int32_t predicted,
+				unsigned context, unsigned *ret_k)
+{
+	*ret_k = laz_int_bits(c, in, bits, context);
+	return laz_int_value(c, in, bits, contexts, predicted, *ret_k);
 }
 
 #endif

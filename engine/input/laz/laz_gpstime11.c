@@ -94,7 +94,7 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, u
 {
 	struct gpstime *g = state;
 	struct sequence *s = &g->seq[0];
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 
 	if (s->diff == 0) {
 		unsigned m = laz_symbol_lazy(&c, (struct laz_model *)g->still, 3);
@@ -135,7 +135,7 @@ LAZ_INLINE int32_t read_int(struct laz_coder *c, struct gpstime *g, int32_t pred
 /* A time in full, in the next sequence. */
 static void read_full(struct laz_coder *coder, struct gpstime *g)
 {
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	uint64_t high = (uint32_t)read_int(&c, g, (int32_t)(g->seq[g->last].time >> 32), 8);
 
 	g->next = (g->next + 1) & 3;
@@ -194,7 +194,7 @@ LAZ_INLINE bool read_time(struct laz_coder *c, struct gpstime *g)
 static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct gpstime *g = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	unsigned turns = 0;
 
 	/* an encoder switches sequences at most once for each time */

@@ -118,7 +118,7 @@ static int32_t median3(const int32_t v[3])
 static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct point10 *p = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	unsigned kx, ky, k, changed;
 	int32_t dx, dy;
 
@@ -187,7 +187,7 @@ LAZ_INLINE void read_changed(struct laz_coder *c, struct point10 *p, unsigned ch
 static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct point10 *p = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	unsigned changed = laz_symbol_lazy(&c, model(p->changed), 64), r, n, map, level, single, k, kx, ky;
 	int32_t d;
 

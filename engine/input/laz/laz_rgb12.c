@@ -32,7 +32,7 @@ static void begin(void *state, const uint8_t *first, unsigned size)
 static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct rgb12 *s = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	unsigned used = laz_symbol_lazy(&c, (struct laz_model *)s->used, 64), k;
 
 	for (unsigned i = 0; i < 6; i++)
@@ -57,7 +57,7 @@ LAZ_INLINE int correct(struct laz_coder *c, struct rgb12 *s, unsigned i, int pre
 static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct rgb12 *s = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	unsigned used = laz_symbol_lazy(&c, (struct laz_model *)s->used, 128);
 	uint8_t now[6];
 
