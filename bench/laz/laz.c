@@ -1,7 +1,8 @@
 /*
  * Decoding LAZ, one thread, CPU time: all fields, what terrain needs, and LASzip's own library beside it (with
  * -Dlaszip=PREFIX), in turn. Median and range of the passes; million points a second.
- * Usage: bench-laz [-n PASSES] FILE.laz...
+ * Usage: bench-laz [-n PASSES] FILE.laz...; bench-laz -a PASSES FILE.laz... and -t: acut alone, for a profile, all fields or
+ * terrain
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -96,7 +97,7 @@ static int compare(const void *a, const void *b)
 	return (x > y) - (x < y);
 }
 
-static void measure(const char *path, unsigned passes)
+static void measure(const char *path, unsigned passes, const char *only)
 {
 	static const char *const name[KINDS] = {"acut", "acut terrain", "LASzip", "LASzip terrain"};
 	const struct input_options options = {.planar = true};
@@ -112,7 +113,7 @@ static void measure(const char *path, unsigned passes)
 	for (unsigned i = 0; i < passes; i++) {
 		for (int k = 0; k < KINDS; k++) {
 			double start = cpu_seconds();
-			unsigned long long n = pass(in, path, k);
+			unsigned long long n = !only || k == (only[1] == 't' ? ACUT_TERRAIN : ACUT_ALL) ? pass(in, path, k) : 0;
 
 			rate[k][i] = (double)n / (cpu_seconds() - start) * 1e-6;
 		}
@@ -135,15 +136,16 @@ static void measure(const char *path, unsigned passes)
 
 int main(int argc, char **argv)
 {
+	const char *only = argc > 2 && (!strcmp(argv[1], "-a") || !strcmp(argv[1], "-t")) ? argv[1] : NULL;
 	unsigned passes = 5;
 	int i = 1;
 
-	if (argc > 2 && !strcmp(argv[1], "-n")) {
+	if (argc > 2 && (only || !strcmp(argv[1], "-n"))) {
 		passes = (unsigned)atoi(argv[2]);
 		passes = passes < 1 ? 1 : passes > PASSES_MAX ? PASSES_MAX : passes;
 		i = 3;
 	}
 	for (; i < argc; i++)
-		measure(argv[i], passes);
+		measure(argv[i], passes, only);
 	return 0;
 }

@@ -67,7 +67,7 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8
 static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct extra *e = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 
 	for (unsigned i = 0; i < size; i++) {
 		int rc = i % STEP == 0 ? laz_window_ready(w, &c, err) : 0;

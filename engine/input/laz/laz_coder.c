@@ -10,6 +10,8 @@
 #include "err.h"
 
 enum { COUNT_MAX = 1 << 15, BIT_COUNT_MAX = 1 << 13, BIT_CYCLE_MAX = 64 };
+/* The most frequent symbol is looked at first if it is at least one in so many. */
+enum { GUESS_WORTH = 3 };
 
 _Static_assert(sizeof(struct laz_model) == 16 && sizeof(struct laz_bit_model) <= 16, "multiples of 16");
 
@@ -48,30 +50,51 @@ void laz_bit_update(struct laz_bit_model *m)
 	m->left = m->cycle = (uint16_t)(cycle < BIT_CYCLE_MAX ? cycle : BIT_CYCLE_MAX);
 }
 
+/* The entries [t, end) of the table; `end` is returned. At least 16 are written, without a look at the end: what is too many
+ * belongs to the next symbols, which are written later, or to the padding behind the table. */
+LAZ_INLINE unsigned fill(uint16_t *words, unsigned layout, unsigned t, unsigned end, unsigned symbol)
+{
+	unsigned step = LAZ_WIDE(layout) ? 4 : 8;
+	uint64_t eight = symbol * (LAZ_WIDE(layout) ? UINT64_C(0x0001000100010001) : UINT64_C(0x0101010101010101));
+	uint8_t *at = (uint8_t *)words + t * (8 / step);
+
+	memcpy(at, &eight, 8);
+	memcpy(at + 8, &eight, 8);
+	for (unsigned i = t + 2 * step; laz_unlikely(i < end); i += step)
+		memcpy((uint8_t *)words + i * (8 / step), &eight, 8);
+	return end;
+}
+
 /* Borders, table and guess from the counts, whose sum is m->total. */
-static void settle(struct laz_model *m, unsigned layout)
+LAZ_INLINE void settle_layout(struct laz_model *m, unsigned layout)
 {
 	uint16_t *words = (uint16_t *)(m + 1), *border = words + LAZ_BORDERS(layout);
 	const uint16_t *count = words + LAZ_COUNTS(layout);
 	uint32_t scale = UINT32_C(0x80000000) / m->total, sum = 0;
-	unsigned n = m->last + 1u, guess = 0, shift = LAZ_SHIFT(layout), entries = (1u << (15 - shift)) + 1, t = 0;
+	unsigned n = m->last + 1u, guess = 0, most = 0, shift = LAZ_SHIFT(layout), t = 0;
 
 	for (unsigned i = 0; i < n; i++) {
+		unsigned times = count[i];
+
 		border[i] = (uint16_t)(sum >> 16);
-		sum += scale * count[i];
-		guess = count[i] > count[guess] ? i : guess;
+		sum += scale * times;
+		guess = __builtin_expect_with_probability(times > most, 1, 0.5) ? i : guess;
+		most = times > most ? times : most;
+		t = fill(words, layout, t, ((sum >> 16) + (1u << shift) - 1) >> shift, i);
 	}
-	m->guess = (uint16_t)guess;
-	for (unsigned i = 0; i < n; i++) {
-		unsigned end = i + 1 < n ? (border[i + 1] + (1u << shift) - 1) >> shift : entries;
+	fill(words, layout, t, (1u << (15 - shift)) + 1, n - 1);
+	m->guess = (uint16_t)(most * GUESS_WORTH >= m->total ? guess : LAZ_NO_GUESS);
+}
 
-		for (; t < end; t++) {
-			if (LAZ_WIDE(layout))
-				words[t] = (uint16_t)i;
-			else
-				((uint8_t *)words)[t] = (uint8_t)i;
-		}
-	}
+/* The layouts that are updated most, as constants. */
+static void settle(struct laz_model *m, unsigned layout)
+{
+	if (layout == 256)
+		settle_layout(m, 256);
+	else if (layout == 33)
+		settle_layout(m, 33);
+	else
+		settle_layout(m, layout);
 }
 
 void laz_model_init(struct laz_model *m, unsigned layout, unsigned symbols)

@@ -95,8 +95,8 @@ LAZ_INLINE unsigned laz_bit(struct laz_coder *c, struct laz_bit_model *m)
 	unsigned bit = c->value >= x;
 
 	m->zeros = (uint16_t)(m->zeros + !bit);
-	c->value -= bit ? x : 0;
-	c->length = bit ? c->length - x : x;
+	c->value -= x & -bit;
+	c->length = x + ((c->length - 2 * x) & -bit);
 	laz_renorm(c);
 	if (laz_unlikely(--m->left == 0))
 		laz_bit_update(m);
@@ -112,7 +112,7 @@ struct laz_model {
 	uint16_t last;  /* the largest symbol */
 	uint16_t left;  /* symbols until the next update */
 	uint16_t cycle; /* symbols between updates; 0: no state yet */
-	uint16_t guess; /* the most frequent symbol at the last update */
+	uint16_t guess; /* the most frequent symbol at the last update, or LAZ_NO_GUESS */
 	uint32_t total;
 	uint32_t pad2;
 };
@@ -127,7 +127,7 @@ struct laz_model {
 /* Bytes of a model of n symbols, as a constant; a multiple of 16. */
 #define LAZ_MODEL_BYTES(n) (sizeof(struct laz_model) + 2 * (LAZ_COUNTS(n) + LAZ_UP16(n)))
 
-enum { LAZ_STEPS = 4, LAZ_BEYOND = UINT16_MAX }; /* symbols looked at; border of what is no symbol */
+enum { LAZ_STEPS = 4, LAZ_BEYOND = UINT16_MAX, LAZ_NO_GUESS = UINT16_MAX }; /* symbols looked at; border of what is no symbol */
 
 /* `layout` is the n that is given to laz_symbol, and may be more than the number of symbols. */
 void laz_model_init(struct laz_model *, unsigned layout, unsigned symbols);
@@ -147,16 +147,53 @@ LAZ_INLINE struct laz_model *laz_model_at(struct laz_model *m, unsigned n, unsig
 	return (struct laz_model *)((uint8_t *)m + i * LAZ_MODEL_BYTES(n));
 }
 
-/* The symbol in whose part of the interval the value lies. */
-LAZ_INLINE unsigned laz_search(uint32_t v, const uint16_t *words, unsigned n)
+/* Borders of a symbol, and the symbol. */
+struct laz_found {
+	uint32_t low, high, sym;
+};
+
+/* To the next symbol, with the borders `high` and `next`, if v is in it or beyond. Compilers make a branch of it, which is
+ * guessed wrongly all the time. */
+LAZ_INLINE void laz_step_up(struct laz_found *f, uint32_t v, uint32_t high, uint32_t next)
+{
+#ifdef __x86_64__
+	__asm__("cmp %[high], %[v]\n\tcmovae %[high], %[low]\n\tcmovae %[next], %[up]\n\tsbb $-1, %[sym]"
+		: [low] "+r"(f->low), [up] "+r"(f->high), [sym] "+r"(f->sym)
+		: [high] "r"(high), [next] "r"(next), [v] "r"(v)
+		: "cc");
+#else
+	f->low = v >= high ? high : f->low;
+	f->high = v >= high ? next : f->high;
+	f->sym += v >= high;
+#endif
+}
+
+/* The symbol in whose part of the interval the value lies. The borders come with it, since the next symbol waits for them: to
+ * choose among those that were compared is faster than to load them by the symbol. */
+LAZ_INLINE struct laz_found laz_search(uint32_t v, const uint16_t *words, unsigned n)
 {
 	const uint16_t *border = words + LAZ_BORDERS(n), *at;
 	unsigned t = v >> LAZ_SHIFT(n), sym = LAZ_WIDE(n) ? words[t] : ((const uint8_t *)words)[t];
+	struct laz_found f;
 
 	at = border + sym;
-	if (laz_unlikely(v >= at[LAZ_STEPS]))
-		return laz_search_far(v, border, sym + LAZ_STEPS, LAZ_WIDE(n) ? words[t + 1] : ((const uint8_t *)words)[t + 1]);
-	return sym + (v >= at[1]) + (v >= at[2]) + (v >= at[3]);
+	if (laz_unlikely(v >= at[LAZ_STEPS])) {
+		sym = laz_search_far(v, border, sym + LAZ_STEPS, LAZ_WIDE(n) ? words[t + 1] : ((const uint8_t *)words)[t + 1]);
+		return (struct laz_found){border[sym], border[sym + 1], sym};
+	}
+	f = (struct laz_found){at[0], at[1], sym};
+	laz_step_up(&f, v, at[1], at[2]);
+	laz_step_up(&f, v, at[2], at[3]);
+	laz_step_up(&f, v, at[3], at[4]);
+	return f;
+}
+
+/* The upper border of a symbol of the interval; that of the last one is the length. */
+LAZ_INLINE uint32_t laz_upper(const struct laz_coder *c, const struct laz_model *m, uint32_t high, unsigned sym, uint32_t unit)
+{
+	uint32_t y = high * unit;
+
+	return __builtin_expect_with_probability(sym == m->last, 1, 0.5) ? c->length : y;
 }
 
 /* A symbol of a model of layout n. `guess`: it is worth looking at the most frequent symbol first, which needs
@@ -166,16 +203,19 @@ LAZ_INLINE unsigned laz_symbol_of(struct laz_coder *c, struct laz_model *m, unsi
 	uint16_t *words = (uint16_t *)(m + 1), *border = words + LAZ_BORDERS(n), *count = words + LAZ_COUNTS(n);
 	uint32_t unit = c->length >> 15, x, y;
 	unsigned sym = m->guess;
+	struct laz_found f;
 
-	for (int turn = guess ? 0 : 1; turn < 2; turn++) {
-		if (turn == 1)
-			sym = laz_search(c->value / unit, words, n);
+	if (guess && sym != LAZ_NO_GUESS) {
 		x = border[sym] * unit;
-		y = border[sym + 1] * unit;
-		y = sym == m->last ? c->length : y;
-		if (turn == 1 || c->value - x < y - x)
-			break;
+		y = laz_upper(c, m, border[sym + 1], sym, unit);
+		if (laz_likely(c->value - x < y - x))
+			goto found;
 	}
+	f = laz_search(c->value / unit, words, n);
+	sym = f.sym;
+	x = f.low * unit;
+	y = laz_upper(c, m, f.high, sym, unit);
+found:
 	c->value -= x;
 	c->length = y - x;
 	laz_renorm(c);
@@ -209,16 +249,20 @@ struct laz_int;
 /* At the beginning of every chunk. */
 void laz_int_reset(struct laz_int *, unsigned bits, unsigned contexts);
 
-/* *ret_k: how many bits the correction had, 0 to `bits`. */
-LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts, int32_t predicted,
-				unsigned context, unsigned *ret_k)
+/* How many bits the correction has, 0 to `bits`. */
+LAZ_INLINE unsigned laz_int_bits(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned context)
 {
-	uint8_t *memory = (uint8_t *)in, *zero = memory + LAZ_INT_BITS_AT(contexts, bits);
-	unsigned k = laz_symbol_lazy(c, laz_model_at((struct laz_model *)in, bits + 1, context), bits + 1);
+	return laz_symbol_lazy(c, laz_model_at((struct laz_model *)in, bits + 1, context), bits + 1);
+}
+
+/* The integer, of which the correction has k bits. */
+LAZ_INLINE int32_t laz_int_value(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts, int32_t predicted,
+				 unsigned k)
+{
+	uint8_t *zero = (uint8_t *)in + LAZ_INT_BITS_AT(contexts, bits);
 	struct laz_model *m;
 	uint32_t v;
 
-	*ret_k = k;
 	if (k == 0) {
 		v = laz_bit(c, (struct laz_bit_model *)zero);
 	} else if (k < 32) {
@@ -229,12 +273,20 @@ LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigne
 		if (k > 8)
 			v = v << (k - 8) | laz_bits(c, k - 8);
 		/* 0 to 2^k - 1, of which the lower half are -(2^k - 1) to -2^(k-1), the upper 2^(k-1) + 1 to 2^k */
-		v += v >> (k - 1) ? 1 : 1 - (UINT32_C(1) << k);
+		v += 1 - ((UINT32_C(1) << k) & ((v >> (k - 1)) - 1));
 	} else {
 		v = UINT32_C(1) << 31;
 	}
 	v += (uint32_t)predicted;
 	return (int32_t)(bits < 32 ? v & ((UINT32_C(1) << (bits & 31)) - 1) : v);
+}
+
+/* Both. */
+LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts, int32_t predicted,
+				unsigned context, unsigned *ret_k)
+{
+	*ret_k = laz_int_bits(c, in, bits, context);
+	return laz_int_value(c, in, bits, contexts, predicted, *ret_k);
 }
 
 #endif

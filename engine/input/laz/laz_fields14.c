@@ -1,5 +1,5 @@
 /*
- * The layers of POINT14 that follow laz_xyz14.c, but for the GPS time: class, flags, intensity, scan angle, user data,
+ * The layers of POINT14 that follow laz_xyz14.c, but for the GPS time: class, flags, scan angle, user data,
  * source. All use the same loop over the records of a batch; they differ in how they predict the next value.
  */
 #include "laz_layers.h"
@@ -111,52 +111,6 @@ static int flags_read(void *state, struct laz_window *w, struct laz_step *step, 
 }
 
 const struct laz_layer_row laz_layer_flags = {"flags", sizeof(struct flags_layer), true, flags_begin, flags_read};
-
-/* ---- intensity: from the last of the same place and newness of time ---- */
-
-struct intensity {
-	uint16_t last[8], now;
-	alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 4)];
-};
-
-struct intensity_layer {
-	unsigned now;
-	struct intensity channel[LAZ_CHANNELS];
-};
-
-static void intensity_open(struct intensity *s, const struct intensity *from)
-{
-	s->now = from->now;
-	for (unsigned i = 0; i < 8; i++)
-		s->last[i] = s->now;
-	laz_int_reset(INT(s->ints), 16, 4);
-}
-
-static void intensity_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
-{
-	struct intensity_layer *l = state;
-	struct intensity *s = &l->channel[channel];
-
-	l->now = channel;
-	s->now = laz_get16(first + LAZ_AT_INTENSITY);
-	intensity_open(s, s);
-}
-
-static int intensity_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
-			  struct err *err)
-{
-	EACH_RECORD(intensity_layer, intensity, intensity_open, {
-		uint16_t *last = &s->last[step->place << 1 | (step->changes & LAZ_NEW_TIME) / LAZ_NEW_TIME];
-		unsigned k;
-
-		*last = s->now = (uint16_t)laz_int_read(&c, INT(s->ints), 16, 4, *last, step->place, &k);
-		laz_put16(item + LAZ_AT_INTENSITY, s->now);
-	});
-}
-
-const struct laz_layer_row laz_layer_intensity = {
-	"intensity", sizeof(struct intensity_layer), false, intensity_begin, intensity_read,
-};
 
 /* ---- scan angle and source: from the last, where they change ---- */
 

@@ -1,6 +1,7 @@
 /*
  * The items of point-wise chunks (compressors 1 and 2): each knows its memory, its state at the beginning of a
- * chunk, and how to decode the next one. All items of a record share one stream.
+ * chunk, and how to decode the next one. All items of a record share one stream. The frequent ones are headers, so that
+ * laz_pointwise.c can decode all items of a record in one function.
  */
 #ifndef LAZ_ITEMS_H
 #define LAZ_ITEMS_H
@@ -17,8 +18,7 @@ struct laz_item_row {
 	int (*read)(void *state, struct laz_window *, struct laz_coder *, uint8_t *item, unsigned size, struct err *err);
 };
 
-extern const struct laz_item_row laz_point10_v1, laz_point10_v2, laz_gpstime11_v1, laz_gpstime11_v2, laz_rgb12_v1, laz_rgb12_v2,
-	laz_wavepacket13_v1, laz_byte_v1, laz_byte_v2;
+extern const struct laz_item_row laz_wavepacket13_v1, laz_byte_v1, laz_byte_v2;
 
 /* NULL: no such item in this version. */
 const struct laz_item_row *laz_item_find(unsigned type, unsigned version);
@@ -84,7 +84,7 @@ LAZ_INLINE void laz_median_add(struct laz_median *m, int32_t v)
 	m->v[4] = MORE(d, v);
 #undef LESS
 #undef MORE
-	m->low = m->low ? v > middle : v >= middle;
+	m->low = (uint32_t)(v > middle) | (~m->low & (uint32_t)(v == middle));
 }
 
 #endif

@@ -16,7 +16,7 @@
 
 #include "err.h"
 
-enum { POINT_LAYERS = 9 };
+enum { POINT_LAYERS = 9, AT_INTENSITY = 4 };
 
 struct layer {
 	const struct laz_layer_row *row;
@@ -253,22 +253,44 @@ int laz_layered_begin(struct laz_layered *l, uint64_t at, uint64_t end, bool at_
 	return rc;
 }
 
+/* The layers that are read at once: x and y, z, and intensity if it is there. *ret_done: bit i: layer i was read. */
+static int read_beside(struct laz_layered *l, uint8_t *records, size_t n, unsigned *ret_done, struct err *err)
+{
+	struct laz_stream stream[AT_INTENSITY + 1];
+	bool light = l->fields == LAZ_ALL && l->layer[AT_INTENSITY].bytes;
+	int rc;
+
+	for (unsigned i = 0; i < l->nlayers && i <= AT_INTENSITY; i++)
+		stream[i] = (struct laz_stream){l->layer[i].state, &l->layer[i].window};
+	rc = laz_xyz_read(&stream[0], &stream[1], light ? &stream[AT_INTENSITY] : NULL, l->steps, records, l->format->length, n,
+			  err);
+	for (unsigned i = 0; !rc && i < 2; i++)
+		rc = laz_window_check(&l->layer[i].window, err);
+	if (!rc && light)
+		rc = laz_window_check(&l->layer[AT_INTENSITY].window, err);
+	*ret_done = light ? 3 | 1u << AT_INTENSITY : 3;
+	return rc;
+}
+
 static int read_batch(struct laz_layered *l, uint8_t *records, size_t n, struct err *err)
 {
 	size_t length = l->format->length;
+	unsigned done = 0;
+	int rc;
 
 	for (size_t i = 0; i < n; i++)
 		memcpy(records + i * length, l->record, length);
+	if (l->layer[0].bytes && l->layer[1].bytes) {
+		rc = read_beside(l, records, n, &done, err);
+		if (rc)
+			return rc;
+	}
 	for (unsigned i = 0; i < l->nlayers; i++) {
-		struct layer *layer = &l->layer[i], *z = layer + 1;
-		int rc = 0;
+		struct layer *layer = &l->layer[i];
 
-		if (!layer->bytes)
+		if (!layer->bytes || (i < POINT_LAYERS && done >> i & 1) || i == 1)
 			continue;
-		if (i == 0 && z->bytes)
-			rc = laz_xyz_read(layer->state, &layer->window, z->state, &z->window, l->steps, records, length, n, err);
-		else if (i != 1)
-			rc = layer->row->read(layer->state, &layer->window, l->steps, records + layer->at, length, n, err);
+		rc = layer->row->read(layer->state, &layer->window, l->steps, records + layer->at, length, n, err);
 		if (!rc)
 			rc = laz_window_check(&layer->window, err);
 		if (rc)

@@ -57,8 +57,13 @@ struct laz_layer_row {
 	int (*read)(void *state, struct laz_window *, struct laz_step *, uint8_t *item, size_t length, size_t n, struct err *err);
 };
 
-/* The first two layers at once, which is faster; the row of z has no `read` of its own. */
-int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window, struct laz_step *,
+/* The layers of x and y, z, and intensity (NULL: without it) at once: their streams do not wait for each other, so that the
+ * processor decodes them side by side. The row of z has no `read` of its own. */
+struct laz_stream {
+	void *state;
+	struct laz_window *window;
+};
+int laz_xyz_read(const struct laz_stream *xy, const struct laz_stream *z, const struct laz_stream *light, struct laz_step *step,
 		 uint8_t *item, size_t length, size_t n, struct err *err);
 
 extern const struct laz_layer_row laz_layer_xy, laz_layer_z, laz_layer_class, laz_layer_flags, laz_layer_intensity,

@@ -6,8 +6,11 @@
  * caller knows it. A record is only decoded if the previous one took no byte after the end of the stream. So if a batch fails,
  * the records before the failure are good.
  */
+#include "laz_gpstime11.h"
 #include "laz_items.h"
 #include "laz_parts.h"
+#include "laz_point10.h"
+#include "laz_rgb12.h"
 
 #include "err.h"
 
@@ -17,12 +20,16 @@ struct part {
 	void *state;
 };
 
+/* The items of a record, for a loop over records that is made for them. */
+enum shape { ANY, POINT_TIME_V1, POINT_TIME, POINT_COLOUR, POINT_TIME_COLOUR };
+
 struct laz_pointwise {
 	struct laz_window window;
 	uint64_t end;
 	unsigned nparts, length;
 	bool first; /* the first record is still to be read */
 	size_t good;
+	enum shape shape;
 	struct part part[LAZ_ITEMS];
 };
 
@@ -53,6 +60,19 @@ size_t laz_pointwise_bytes(const struct laz_format *f)
 	return n;
 }
 
+static enum shape shape_of(const struct laz_pointwise *p)
+{
+	const struct part *part = p->part;
+
+	if (p->nparts == 2 && part[0].row == &laz_point10_v1 && part[1].row == &laz_gpstime11_v1)
+		return POINT_TIME_V1;
+	if (p->nparts < 2 || p->nparts > 3 || part[0].row != &laz_point10_v2 || (p->nparts == 3 && part[2].row != &laz_rgb12_v2))
+		return ANY;
+	if (part[1].row == &laz_gpstime11_v2)
+		return p->nparts == 2 ? POINT_TIME : POINT_TIME_COLOUR;
+	return p->nparts == 2 && part[1].row == &laz_rgb12_v2 ? POINT_COLOUR : ANY;
+}
+
 struct laz_pointwise *laz_pointwise_new(void *memory, const struct laz_format *f, const struct laz_source *source,
 					uint64_t *counter)
 {
@@ -74,6 +94,7 @@ struct laz_pointwise *laz_pointwise_new(void *memory, const struct laz_format *f
 		at += up64(part->row->bytes(part->size));
 		place += part->size;
 	}
+	p->shape = shape_of(p);
 	return p;
 }
 
@@ -98,7 +119,31 @@ static int read_first(struct laz_pointwise *p, uint8_t *record, struct err *err)
 	return 0;
 }
 
-static int read_records(struct laz_pointwise *p, uint8_t *record, size_t n, struct err *err)
+/* The items of one record. With a constant shape all is inlined, and the coder stays in registers from one item to the next. */
+LAZ_INLINE int read_items(struct laz_pointwise *p, enum shape shape, struct laz_coder *c, uint8_t *record, struct err *err)
+{
+	const struct part *part = p->part;
+	struct laz_window *w = &p->window;
+	int rc = 0;
+
+	for (unsigned k = 0; shape == ANY && !rc && k < p->nparts; k++)
+		rc = part[k].row->read(part[k].state, w, c, record + part[k].at, part[k].size, err);
+	if (shape == POINT_TIME_V1) {
+		laz_point10_read_v1(part[0].state, w, c, record, 20, err);
+		laz_gpstime11_read_v1(part[1].state, w, c, record + 20, 8, err);
+	} else if (shape != ANY) {
+		laz_point10_read_v2(part[0].state, w, c, record, 20, err);
+		if (shape != POINT_COLOUR)
+			laz_gpstime11_read_v2(part[1].state, w, c, record + 20, 8, err);
+		if (shape == POINT_COLOUR)
+			laz_rgb12_read_v2(part[1].state, w, c, record + 20, 6, err);
+		if (shape == POINT_TIME_COLOUR)
+			laz_rgb12_read_v2(part[2].state, w, c, record + 28, 6, err);
+	}
+	return rc;
+}
+
+LAZ_INLINE int read_shape(struct laz_pointwise *p, enum shape shape, uint8_t *record, size_t n, struct err *err)
 {
 	struct laz_coder c = p->window.coder;
 	int rc = 0;
@@ -109,17 +154,29 @@ static int read_records(struct laz_pointwise *p, uint8_t *record, size_t n, stru
 			p->good -= p->good > 0; /* the one before took more than there is */
 			break;
 		}
-		for (unsigned k = 0; k < p->nparts; k++) {
-			const struct part *part = &p->part[k];
-
-			rc = part->row->read(part->state, &p->window, &c, record + part->at, part->size, err);
-			if (rc)
-				return rc;
-		}
+		rc = read_items(p, shape, &c, record, err);
+		if (rc)
+			return rc;
 		p->good++;
 	}
 	p->window.coder = c;
 	return rc;
+}
+
+static int read_records(struct laz_pointwise *p, uint8_t *record, size_t n, struct err *err)
+{
+	switch (p->shape) {
+	case POINT_TIME_V1:
+		return read_shape(p, POINT_TIME_V1, record, n, err);
+	case POINT_TIME:
+		return read_shape(p, POINT_TIME, record, n, err);
+	case POINT_COLOUR:
+		return read_shape(p, POINT_COLOUR, record, n, err);
+	case POINT_TIME_COLOUR:
+		return read_shape(p, POINT_TIME_COLOUR, record, n, err);
+	default:
+		return read_shape(p, ANY, record, n, err);
+	}
 }
 
 int laz_pointwise_read(struct laz_pointwise *p, uint8_t *records, size_t n, struct err *err)

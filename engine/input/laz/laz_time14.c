@@ -125,7 +125,7 @@ LAZ_INLINE void read_time(struct channel *s, struct laz_coder *coder)
 			struct laz_coder copy = c;
 
 			read_new(s, &copy);
-			c = copy;
+			c = laz_coder_copy(&copy);
 			break;
 		}
 		s->now = (s->now + symbol - NEW) & 3;

@@ -29,6 +29,15 @@ struct laz_coder {
 	uint32_t bad; /* not 0: no encoder writes such a stream */
 };
 
+/* A copy, number by number. What the last item of a record stored number by number is waited for if it is loaded in one piece. */
+static inline __attribute__((always_inline)) struct laz_coder laz_coder_copy(const struct laz_coder *c)
+{
+	struct laz_coder copy = *c;
+
+	__asm__("" : "+r"(copy.at), "+r"(copy.value), "+r"(copy.length), "+r"(copy.bad));
+	return copy;
+}
+
 struct laz_window {
 	struct laz_coder coder;
 	const uint8_t *low;  /* coder.at beyond it: laz_window_ready has something to do */

@@ -1,12 +1,15 @@
 /*
  * The layer of POINT14 that all others hang on: scanner channel, returns, x and y, and which of scan angle, GPS
- * time and source change; and the layer of z.
+ * time and source change; and the layers of z and intensity.
  *
  * Model: a symbol says what changed since the channel's last record; x and y are corrections of the median of
  * five recent steps, in twelve groups by kind of return and whether the time is new; y also goes by how many
- * bits the correction of x had. z is a correction of the last z of as many returns left.
+ * bits the correction of x had. z is a correction of the last z of as many returns left, intensity of the last one of the same
+ * place and newness of time.
  *
- * Both are decoded in one loop where both are there: two streams that do not wait for each other.
+ * Decoding is bound by latency: in a stream each symbol waits for the one before. So where the three streams are there, they are
+ * decoded in one loop, symbol by symbol in turn: those of x and y of a record beside those of z and intensity of the record
+ * before, whose contexts are known by then.
  */
 #include "laz_layers.h"
 
@@ -113,12 +116,12 @@ LAZ_INLINE void read_returns(struct channel *s, struct laz_coder *coder, unsigne
 	if (changed & CHANGED_COUNT) {
 		c = *coder;
 		s->count = (uint8_t)other_count(s, &c);
-		*coder = c;
+		*coder = laz_coder_copy(&c);
 	}
 	if ((changed & 3) == 3) {
 		c = *coder;
 		s->number = (uint8_t)other_number(s, &c);
-		*coder = c;
+		*coder = laz_coder_copy(&c);
 	} else {
 		/* 1: one more, 2: one less */
 		s->number = (uint8_t)((s->number + (changed & 1) - (changed >> 1 & 1)) & 15);
@@ -131,17 +134,77 @@ LAZ_INLINE unsigned bits_context(unsigned bits, unsigned most)
 	return bits < most ? bits & ~1u : most;
 }
 
-LAZ_INLINE void read_xy(struct channel *s, struct laz_coder *c, struct laz_step *step)
+struct z {
+	int32_t last[8], now;
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 20)];
+};
+
+struct intensity {
+	uint16_t last[8], now;
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 4)];
+};
+
+/* What is decoded of the record before, while that of x and y waits: its height, and its intensity if `light` has a state. */
+struct before {
+	struct laz_coder zc, lc;
+	struct z *z;
+	struct intensity *light;
+	const struct laz_step *step;
+	uint8_t *item;
+};
+
+LAZ_INLINE unsigned z_bits(struct before *b)
+{
+	return laz_int_bits(&b->zc, (struct laz_int *)b->z->ints, 32, b->step->z_context);
+}
+
+LAZ_INLINE void z_value(struct before *b, unsigned k)
+{
+	struct z *s = b->z;
+	int32_t *last = &s->last[b->step->level];
+
+	*last = s->now = laz_int_value(&b->zc, (struct laz_int *)s->ints, 32, 20, *last, k);
+	laz_put32(b->item + LAZ_AT_Z, (uint32_t)s->now);
+}
+
+LAZ_INLINE unsigned light_bits(struct before *b)
+{
+	return laz_int_bits(&b->lc, (struct laz_int *)b->light->ints, 16, b->step->place);
+}
+
+LAZ_INLINE void light_value(struct before *b, unsigned k)
+{
+	struct intensity *s = b->light;
+	uint16_t *last = &s->last[b->step->place << 1 | (b->step->changes & LAZ_NEW_TIME) / LAZ_NEW_TIME];
+
+	*last = s->now = (uint16_t)laz_int_value(&b->lc, (struct laz_int *)s->ints, 16, 4, *last, k);
+	laz_put16(b->item + LAZ_AT_INTENSITY, s->now);
+}
+
+/* x and y of a record, and symbol by symbol beside them what is left of the one before (NULL: nothing). */
+LAZ_INLINE void read_xy(struct channel *s, struct laz_coder *c, struct laz_step *step, struct before *b, bool light)
 {
 	unsigned group = (unsigned)(group_of[s->count][s->number] - '0') * 2 + s->new_time;
-	unsigned single = s->count == 1, kx, ky;
+	unsigned single = s->count == 1, kx, ky, kz = 0, kl = 0;
+	struct laz_int *x = (struct laz_int *)s->step_x, *y = (struct laz_int *)s->step_y;
 	struct laz_median *m = &s->dx[group];
-	int32_t d = laz_int_read(c, (struct laz_int *)s->step_x, 32, 2, m->v[2], single, &kx);
+	int32_t d;
 
+	if (b)
+		kz = z_bits(b);
+	kx = laz_int_bits(c, x, 32, single);
+	if (b)
+		z_value(b, kz);
+	d = laz_int_value(c, x, 32, 2, m->v[2], kx);
 	s->x += (uint32_t)d;
 	laz_median_add(m, d);
 	m = &s->dy[group];
-	d = laz_int_read(c, (struct laz_int *)s->step_y, 32, 22, m->v[2], single + bits_context(kx, 20), &ky);
+	if (b && light)
+		kl = light_bits(b);
+	ky = laz_int_bits(c, y, 32, single + bits_context(kx, 20));
+	if (b && light)
+		light_value(b, kl);
+	d = laz_int_value(c, y, 32, 22, m->v[2], ky);
 	s->y += (uint32_t)d;
 	laz_median_add(m, d);
 	step->z_context = (uint8_t)(single + bits_context((kx + ky) / 2, 18));
@@ -162,7 +225,7 @@ LAZ_INLINE void put(const struct channel *s, struct laz_step *step, uint8_t *ite
 
 /* One record; `s` is the state of its channel, which may become another. */
 LAZ_INLINE struct channel *read_one(struct xy_layer *l, struct channel *s, struct laz_coder *coder, struct laz_step *step,
-				    uint8_t *item)
+				    uint8_t *item, struct before *b, bool light)
 {
 	struct laz_coder c = *coder;
 	unsigned before = (s->number == 1) + (s->number >= s->count ? 2u : 0) + (s->new_time ? 4u : 0);
@@ -173,14 +236,14 @@ LAZ_INLINE struct channel *read_one(struct xy_layer *l, struct channel *s, struc
 		struct laz_coder copy = c;
 
 		change_channel(l, &copy, step);
-		c = copy;
+		c = laz_coder_copy(&copy);
 		s = &l->channel[l->now];
 	}
 	step->channel = (uint8_t)l->now;
 	step->item_channel = l->fixed || changed & CHANGED_CHANNEL ? (uint8_t)l->now : 0;
 	s->new_time = step->changes & LAZ_NEW_TIME;
 	read_returns(s, &c, changed);
-	read_xy(s, &c, step);
+	read_xy(s, &c, step, b, light);
 	put(s, step, item);
 	*coder = c;
 	return s;
@@ -198,7 +261,7 @@ static int xy_read(void *state, struct laz_window *w, struct laz_step *step, uin
 
 		if (rc)
 			return rc;
-		s = read_one(l, s, &c, step, item);
+		s = read_one(l, s, &c, step, item, NULL, false);
 	}
 	w->coder = c;
 	return 0;
@@ -207,11 +270,6 @@ static int xy_read(void *state, struct laz_window *w, struct laz_step *step, uin
 const struct laz_layer_row laz_layer_xy = {"x and y", sizeof(struct xy_layer), true, xy_begin, xy_read};
 
 /* ---- z ---- */
-
-struct z {
-	int32_t last[8], now;
-	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 20)];
-};
 
 struct z_layer {
 	unsigned now;
@@ -247,38 +305,127 @@ LAZ_INLINE struct z *z_turn(struct z_layer *l, struct z *s, const struct laz_ste
 	return &l->channel[l->now];
 }
 
-LAZ_INLINE void z_one(struct z *s, struct laz_coder *c, const struct laz_step *step, uint8_t *item)
-{
-	unsigned k;
-
-	s->now = laz_int_read(c, (struct laz_int *)s->ints, 32, 20, s->last[step->level], step->z_context, &k);
-	s->last[step->level] = s->now;
-	laz_put32(item + LAZ_AT_Z, (uint32_t)s->now);
-}
-
 const struct laz_layer_row laz_layer_z = {"z", sizeof(struct z_layer), true, z_begin, NULL};
 
-int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window, struct laz_step *step,
-		 uint8_t *item, size_t length, size_t n, struct err *err)
+/* ---- intensity: from the last of the same place and newness of time ---- */
+
+struct intensity_layer {
+	unsigned now;
+	struct intensity channel[LAZ_CHANNELS];
+};
+
+static void intensity_open(struct intensity *s, const struct intensity *from)
 {
-	struct xy_layer *xy = xy_state;
-	struct z_layer *z = z_state;
-	struct laz_coder c = xy_window->coder, zc = z_window->coder;
-	struct channel *s = &xy->channel[xy->now];
-	struct z *zs = &z->channel[z->now];
+	s->now = from->now;
+	for (unsigned i = 0; i < 8; i++)
+		s->last[i] = s->now;
+	laz_int_reset((struct laz_int *)s->ints, 16, 4);
+}
+
+static void intensity_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct intensity_layer *l = state;
+	struct intensity *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = laz_get16(first + LAZ_AT_INTENSITY);
+	intensity_open(s, s);
+}
+
+LAZ_INLINE struct intensity *intensity_turn(struct intensity_layer *l, struct intensity *s, const struct laz_step *step)
+{
+	if (laz_likely(step->channel == l->now))
+		return s;
+	if (step->changes & LAZ_OPENS)
+		intensity_open(&l->channel[step->channel], s);
+	l->now = step->channel;
+	return &l->channel[l->now];
+}
+
+static int intensity_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+			  struct err *err)
+{
+	struct intensity_layer *l = state;
+	struct before b = {.lc = w->coder, .light = &l->channel[l->now]};
 
 	for (size_t i = 0; i < n; i++, step++, item += length) {
-		int rc = laz_window_ready(xy_window, &c, err);
+		int rc = laz_window_ready(w, &b.lc, err);
 
-		if (!rc)
-			rc = laz_window_ready(z_window, &zc, err);
 		if (rc)
 			return rc;
-		s = read_one(xy, s, &c, step, item);
-		zs = z_turn(z, zs, step);
-		z_one(zs, &zc, step, item);
+		b.light = intensity_turn(l, b.light, step);
+		b.step = step;
+		b.item = item;
+		light_value(&b, light_bits(&b));
 	}
-	xy_window->coder = c;
-	z_window->coder = zc;
+	w->coder = b.lc;
 	return 0;
+}
+
+const struct laz_layer_row laz_layer_intensity = {
+	"intensity", sizeof(struct intensity_layer), false, intensity_begin, intensity_read,
+};
+
+/* ---- the layers beside each other ---- */
+
+/* The record before becomes `step` and `item`. */
+LAZ_INLINE int begin_before(struct before *b, const struct laz_stream *z, const struct laz_stream *light, struct laz_step *step,
+			    uint8_t *item, struct err *err)
+{
+	int rc = laz_window_ready(z->window, &b->zc, err);
+
+	if (!rc && light)
+		rc = laz_window_ready(light->window, &b->lc, err);
+	b->z = z_turn(z->state, b->z, step);
+	if (light)
+		b->light = intensity_turn(light->state, b->light, step);
+	b->step = step;
+	b->item = item;
+	return rc;
+}
+
+LAZ_INLINE int read_beside(const struct laz_stream *xy, const struct laz_stream *z, const struct laz_stream *light,
+			   struct laz_step *step, uint8_t *item, size_t length, size_t n, struct err *err)
+{
+	struct xy_layer *l = xy->state;
+	struct z_layer *zl = z->state;
+	struct intensity_layer *il = light ? light->state : NULL;
+	struct laz_coder c = xy->window->coder;
+	struct channel *s = &l->channel[l->now];
+	struct before b = {.zc = z->window->coder, .z = &zl->channel[zl->now]};
+
+	if (light) {
+		b.lc = light->window->coder;
+		b.light = &il->channel[il->now];
+	}
+	for (size_t i = 0; i < n; i++, step++, item += length) {
+		int rc = i > 0 ? begin_before(&b, z, light, step - 1, item - length, err) : 0;
+
+		if (!rc)
+			rc = laz_window_ready(xy->window, &c, err);
+		if (rc)
+			return rc;
+		s = i > 0 ? read_one(l, s, &c, step, item, &b, light != NULL) : read_one(l, s, &c, step, item, NULL, false);
+	}
+	if (n > 0) {
+		int rc = begin_before(&b, z, light, step - 1, item - length, err);
+
+		if (rc)
+			return rc;
+		z_value(&b, z_bits(&b));
+		if (light)
+			light_value(&b, light_bits(&b));
+	}
+	xy->window->coder = c;
+	z->window->coder = b.zc;
+	if (light)
+		light->window->coder = b.lc;
+	return 0;
+}
+
+int laz_xyz_read(const struct laz_stream *xy, const struct laz_stream *z, const struct laz_stream *light, struct laz_step *step,
+		 uint8_t *item, size_t length, size_t n, struct err *err)
+{
+	return light ? read_beside(xy, z, light, step, item, length, n, err) :
+		       read_beside(xy, z, NULL, step, item, length, n, err);
 }

@@ -3,6 +3,9 @@
  * record. Version 2 predicts the change of green from that of red, and that of blue from both; one more bit means that the three
  * are equal.
  */
+#ifndef LAZ_RGB12_H
+#define LAZ_RGB12_H
+
 #include "laz_items.h"
 
 #include <stdalign.h>
@@ -19,7 +22,7 @@ static size_t rgb12_bytes(unsigned size)
 	return sizeof(struct rgb12);
 }
 
-static void begin(void *state, const uint8_t *first, unsigned size)
+static void laz_rgb12_begin(void *state, const uint8_t *first, unsigned size)
 {
 	struct rgb12 *s = state;
 
@@ -29,10 +32,11 @@ static void begin(void *state, const uint8_t *first, unsigned size)
 	laz_int_reset((struct laz_int *)s->ints, 8, 6);
 }
 
-static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
+LAZ_INLINE int laz_rgb12_read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
+				 struct err *err)
 {
 	struct rgb12 *s = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	unsigned used = laz_symbol_lazy(&c, (struct laz_model *)s->used, 64), k;
 
 	for (unsigned i = 0; i < 6; i++)
@@ -43,28 +47,29 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, u
 	return 0;
 }
 
-LAZ_INLINE int clamp(int v)
+LAZ_INLINE int laz_rgb12_clamp(int v)
 {
 	return v < 0 ? 0 : v > 255 ? 255 : v;
 }
 
 /* Byte i: what the correction makes of the prediction. */
-LAZ_INLINE int correct(struct laz_coder *c, struct rgb12 *s, unsigned i, int predicted)
+LAZ_INLINE int laz_rgb12_correct(struct laz_coder *c, struct rgb12 *s, unsigned i, int predicted)
 {
 	return (predicted + (int)laz_symbol_lazy(c, laz_model_at((struct laz_model *)s->diff, 256, i), 256)) & 255;
 }
 
-static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
+LAZ_INLINE int laz_rgb12_read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
+				 struct err *err)
 {
 	struct rgb12 *s = state;
-	struct laz_coder c = *coder;
+	struct laz_coder c = laz_coder_copy(coder);
 	unsigned used = laz_symbol_lazy(&c, (struct laz_model *)s->used, 128);
 	uint8_t now[6];
 
 	memcpy(now, s->last, sizeof now);
 	for (unsigned i = 0; i < 2; i++)
 		if (used >> i & 1)
-			now[i] = (uint8_t)correct(&c, s, i, now[i]);
+			now[i] = (uint8_t)laz_rgb12_correct(&c, s, i, now[i]);
 	if (!(used & 64)) {
 		memcpy(now + 2, now, 2);
 		memcpy(now + 4, now, 2);
@@ -73,10 +78,10 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 		int d = now[i] - s->last[i];
 
 		if (used >> (2 + i) & 1)
-			now[2 + i] = (uint8_t)correct(&c, s, 2 + i, clamp(d + s->last[2 + i]));
+			now[2 + i] = (uint8_t)laz_rgb12_correct(&c, s, 2 + i, laz_rgb12_clamp(d + s->last[2 + i]));
 		d = (d + now[2 + i] - s->last[2 + i]) / 2;
 		if (used >> (4 + i) & 1)
-			now[4 + i] = (uint8_t)correct(&c, s, 4 + i, clamp(d + s->last[4 + i]));
+			now[4 + i] = (uint8_t)laz_rgb12_correct(&c, s, 4 + i, laz_rgb12_clamp(d + s->last[4 + i]));
 	}
 	memcpy(s->last, now, sizeof now);
 	memcpy(item, now, sizeof now);
@@ -84,5 +89,7 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 	return 0;
 }
 
-const struct laz_item_row laz_rgb12_v1 = {LAZ_RGB12, 1, rgb12_bytes, begin, read_v1};
-const struct laz_item_row laz_rgb12_v2 = {LAZ_RGB12, 2, rgb12_bytes, begin, read_v2};
+static const struct laz_item_row laz_rgb12_v1 = {LAZ_RGB12, 1, rgb12_bytes, laz_rgb12_begin, laz_rgb12_read_v1};
+static const struct laz_item_row laz_rgb12_v2 = {LAZ_RGB12, 2, rgb12_bytes, laz_rgb12_begin, laz_rgb12_read_v2};
+
+#endif
