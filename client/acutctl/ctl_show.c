@@ -1,5 +1,7 @@
 /* show: all that is known of a job. */
 #include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
 
 #include "ctl.h"
 #include "term.h"
@@ -37,14 +39,15 @@ static void show_report(FILE *out, const struct acut_report *p)
 	term_field(out, "", "%s", p->vertex_digest);
 }
 
-static void show_text(FILE *out, const struct acut_job *job)
+/* `view`: for people. */
+static void show_text(FILE *out, const struct acut_job *job, const char *view)
 {
 	char a[32];
 
 	term_field(out, "job", "%" PRIu64, job->id);
 	term_field(out, "state", "%s", job->state);
 	term_field(out, "dataset", "%s, generation %" PRIu64, job->dataset, job->generation);
-	term_field(out, "view", "%s", job->view);
+	term_field(out, "view", "%s", view);
 	term_field(out, "submitted", "%s by user %u, process %u", term_time(job->submitted_us, a), job->uid, job->pid);
 	term_field(out, "finished", "%s", term_time(job->finished_us, a));
 	term_field(out, "lattice", "%s", job->lattice);
@@ -57,6 +60,29 @@ static void show_text(FILE *out, const struct acut_job *job)
 			   job->progress.domains_total);
 	if (job->has_error)
 		term_field(out, "error", "%s", job->error.message);
+}
+
+/* Its view with the names of files. Asking for these ends what is known of the job, so that is asked for again. */
+static int show_named(struct session *session, const struct acut_job *job)
+{
+	uint64_t id = job->id;
+	char *dataset = strdup(job->dataset), *view = strdup(job->view), *text;
+	struct err err = ERR_INIT;
+	int status = SESSION_DONE;
+
+	text = dataset && view ? ctl_report_view(session->acut, dataset, view) : NULL;
+	if (!text) {
+		err_set(&err, ERR_NOMEM, "no memory for a view");
+		status = session_error(session, &err);
+	} else if (acut_job_wait(session->acut, id, false, NULL, NULL, &job)) {
+		status = session_error_acut(session);
+	} else {
+		show_text(session->console.report, job, text);
+	}
+	free(dataset);
+	free(view);
+	free(text);
+	return status;
 }
 
 int ctl_show_run(struct program *ctl)
@@ -77,6 +103,6 @@ int ctl_show_run(struct program *ctl)
 	if (session->console.json)
 		ctl_report_job_json(&session->console, job, "");
 	else
-		show_text(session->console.report, job);
+		return show_named(session, job);
 	return SESSION_DONE;
 }

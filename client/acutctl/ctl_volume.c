@@ -371,6 +371,20 @@ static int by_wholes(struct work *w)
 	return status;
 }
 
+/* With the names of files, where they are known. */
+static void warn_views(const struct work *w)
+{
+	const struct ctl_volume_mesh *m = w->about.mesh;
+	char *text[2];
+
+	for (int i = 0; i < 2; i++)
+		text[i] = ctl_report_view(w->session->acut, m[i].dataset, m[i].view);
+	console_warn(&w->session->console, "the views of the two jobs differ: \"%s\" and \"%s\"", text[0] ? text[0] : m[0].view,
+		     text[1] ? text[1] : m[1].view);
+	for (int i = 0; i < 2; i++)
+		free(text[i]);
+}
+
 static void warn(const struct work *w)
 {
 	struct console *c = &w->session->console;
@@ -389,7 +403,7 @@ static void warn(const struct work *w)
 			     v->has_level   ? "the mesh has no triangles" :
 					      "the two meshes have no place in common");
 	if (!v->has_level && strcmp(v->mesh[0].view, v->mesh[1].view) != 0)
-		console_warn(c, "the views of the two jobs differ: \"%s\" and \"%s\"", v->mesh[0].view, v->mesh[1].view);
+		warn_views(w);
 	if (!v->has_level && (!*w->text[0][1] || !strcmp(w->text[0][1], "unknown")))
 		console_warn(c, "the coordinate system of the meshes is not known; it is taken to be the same");
 }

@@ -82,4 +82,8 @@ void ctl_report_inspected(struct console *, const struct acut_inspected *);
 /* Its keys; NULL: the records were not read, so all are null. */
 void ctl_report_inspected_json(struct term_json *, const struct acut_inspected *);
 
+/* The text of a view for people, to be freed: "weight=#1-2+5:50" is "weight=a.laz+b.laz+c.laz:50", or has the first names and how
+ * many more there are. NULL: no memory. */
+char *ctl_report_view(struct acut *, const char *dataset, const char *view);
+
 #endif

@@ -1,77 +1,26 @@
 /*
  * The positions that weights hide, as GeoJSON: the vertices of a mesh of the same view with `hidden`, which a job of its own
  * makes.
- *
- * Names of files are kept in memory, at most NAMES_MOST bytes of them; files beyond have their number alone.
  */
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
 #include "ctl_report.h"
-#include "grow.h"
+#include "ctl_report_names.h"
 #include "outfile.h"
+#include "term_json.h"
 
-enum { NAMES_MOST = 16 << 20, NAME_MOST = 256 };
-
-struct names {
-	struct name {
-		uint32_t source, at; /* at: in the text */
-	} * row;
-	char *text;
-	size_t n, room, used, size;
-	bool full;
-};
+enum { PLACES = 1000 /* that are printed at once */ };
 
 struct writing {
 	struct outfile *out;
 	struct err *err;
-	struct names names;
+	struct ctl_report_names names;
 	struct acut_mesh_head head; /* its texts are valid during the fetch */
 	uint64_t n;
 	int r; /* of the first failure */
 };
-
-/* ---- names of files ---- */
-
-/* Room for n, of which each has `size` bytes. */
-static bool room_for(void *array, size_t *room, size_t n, size_t size)
-{
-	return n <= NAMES_MOST / 2 / size && grow(array, room, n, 1024, size);
-}
-
-static void keep_name(void *ctx, const struct acut_log_file *f)
-{
-	struct names *k = ctx;
-	size_t n = strlen(f->name) + 1;
-
-	if (k->full || f->of_lines || f->removed)
-		return;
-	k->full = !room_for(&k->row, &k->room, k->n + 1, sizeof *k->row) || !room_for(&k->text, &k->size, k->used + n, 1);
-	if (k->full)
-		return;
-	k->row[k->n++] = (struct name){f->source, (uint32_t)k->used};
-	memcpy(k->text + k->used, f->name, n);
-	k->used += n;
-}
-
-static void pass_generation(void *ctx, const struct acut_generation *g) {}
-
-static int by_source(const void *a, const void *b)
-{
-	uint32_t p = ((const struct name *)a)->source, q = ((const struct name *)b)->source;
-
-	return (p > q) - (p < q);
-}
-
-/* NULL: it is not known. */
-static const char *name_of(const struct names *k, uint32_t source)
-{
-	const struct name key = {source, 0};
-	const struct name *hit = k->n ? bsearch(&key, k->row, k->n, sizeof key, by_source) : NULL;
-
-	return hit ? k->text + hit->at : NULL;
-}
 
 /* ---- the file ---- */
 
@@ -81,37 +30,43 @@ static void put(struct writing *w, const char *text)
 		w->r = outfile_write(w->out, text, strlen(text), w->err);
 }
 
-static char *json_text(const char *text, char buf[6 * NAME_MOST + 3])
+static void put_place(struct writing *w, FILE *f, const int32_t at[3], const struct acut_mesh_origin *of)
 {
-	char *to = buf;
+	struct term_json j;
+	char text[48];
 
-	*to++ = '"';
-	for (size_t i = 0; text[i] && i < NAME_MOST; i++)
-		if ((unsigned char)text[i] < 0x20 || text[i] == '"' || text[i] == '\\')
-			to += sprintf(to, "\\u%04x", (unsigned char)text[i]);
-		else
-			*to++ = text[i];
-	*to++ = '"';
-	*to = 0;
-	return buf;
+	fputc(w->n++ ? ',' : '\n', f);
+	j = term_json_begin(f, true);
+	term_json_text(&j, "type", "Feature");
+	term_json_open(&j, "properties", '{');
+	term_json_u64(&j, "class", of->cls);
+	term_json_known_u64(&j, "source", of->source);
+	term_json_text(&j, "file", of->source ? ctl_report_name_of(&w->names, of->source) : NULL);
+	term_json_close(&j, '}');
+	term_json_open(&j, "geometry", '{');
+	term_json_text(&j, "type", "Point");
+	term_json_open(&j, "coordinates", '[');
+	for (unsigned axis = 0; axis < 3; axis++)
+		term_json_literal(&j, NULL, acut_coordinate_text(&w->head, axis, at[axis], text));
+	term_json_close(&j, ']');
+	term_json_close(&j, '}');
+	term_json_end(&j);
 }
 
-static void put_place(struct writing *w, const int32_t at[3], const struct acut_mesh_origin *of)
+/* Some positions, printed into memory first. */
+static void put_places(struct writing *w, const struct acut_mesh_block *b, uint32_t from, uint32_t to)
 {
-	char text[512], a[3][48], name[6 * NAME_MOST + 3];
-	const char *file = of->source ? name_of(&w->names, of->source) : NULL;
+	char *text = NULL;
+	size_t size = 0;
+	FILE *f = open_memstream(&text, &size);
 
-	snprintf(text, sizeof text, "%s\n{\"type\":\"Feature\",\"properties\":{\"class\":%u,\"source\":", w->n++ ? "," : "",
-		 of->cls);
-	put(w, text);
-	snprintf(text, sizeof text, of->source ? "%u" : "null", of->source);
-	put(w, text);
-	put(w, ",\"file\":");
-	put(w, file ? json_text(file, name) : "null");
-	snprintf(text, sizeof text, "},\"geometry\":{\"type\":\"Point\",\"coordinates\":[%s,%s,%s]}}",
-		 acut_coordinate_text(&w->head, 0, at[0], a[0]), acut_coordinate_text(&w->head, 1, at[1], a[1]),
-		 acut_coordinate_text(&w->head, 2, at[2], a[2]));
-	put(w, text);
+	for (uint32_t i = from; f && i < to; i++)
+		put_place(w, f, b->vertex[i], &b->origin[i]);
+	if (!f || fclose(f))
+		w->r = err_set(w->err, ERR_NOMEM, "no memory for a report");
+	else
+		w->r = outfile_write(w->out, text, size, w->err);
+	free(text);
 }
 
 static int on_head(void *ctx, const struct acut_mesh_head *head)
@@ -127,8 +82,8 @@ static int on_block(void *ctx, const struct acut_mesh_block *b)
 {
 	struct writing *w = ctx;
 
-	for (uint32_t i = 0; b->origin && !w->r && i < b->nnew; i++)
-		put_place(w, b->vertex[i], &b->origin[i]);
+	for (uint32_t i = 0; b->origin && !w->r && i < b->nnew; i += PLACES)
+		put_places(w, b, i, b->nnew - i < PLACES ? b->nnew : i + PLACES);
 	return w->r;
 }
 
@@ -137,13 +92,10 @@ static int fetch(struct session *session, const char *dataset, uint64_t generati
 {
 	const struct acut_submission what = {
 		.dataset = dataset, .generation = generation, .view = view, .bound = true, .fresh = true};
-	const struct acut_log_sink log = {.generation = pass_generation, .file = keep_name, .ctx = &w->names};
 	const struct acut_mesh_sink sink = {.head = on_head, .block = on_block, .ctx = w};
 	const struct acut_job *job;
 
-	/* Names are a help: a dataset of one step has no log. */
-	if (!acut_dataset_log(session->acut, dataset, &log) && w->names.n)
-		qsort(w->names.row, w->names.n, sizeof *w->names.row, by_source);
+	ctl_report_names_read(session->acut, dataset, &w->names);
 	if (acut_fetch_window(session->acut, NULL) || acut_submit_job(session->acut, &what, &job) ||
 	    acut_fetch(session->acut, job->id, &sink))
 		return w->r ? 0 : session_error_acut(session);
@@ -214,7 +166,7 @@ int ctl_report_hidden(struct session *session, const char *dataset, uint64_t gen
 		return session_error(session, &err);
 	}
 	status = fetch(session, dataset, generation, hidden, &w);
-	put(&w, "\n]}\n");
+	put(&w, w.n ? "]}\n" : "\n]}\n");
 	if (!status && !w.r)
 		w.r = outfile_publish(w.out, &err);
 	if (!status && w.r) {
@@ -222,8 +174,7 @@ int ctl_report_hidden(struct session *session, const char *dataset, uint64_t gen
 		status = session_error(session, &err);
 	}
 	free(hidden);
-	free(w.names.row);
-	free(w.names.text);
+	ctl_report_names_free(&w.names);
 	return status;
 }
 

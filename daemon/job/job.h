@@ -8,6 +8,8 @@
 #ifndef JOB_H
 #define JOB_H
 
+#include <stdatomic.h>
+
 #include "core.h"
 #include "decimal.h"
 #include "run.h"
@@ -126,10 +128,12 @@ void job_submit(struct jobs *, const struct job_params *, void (*accepted)(void 
 		void *token);
 /* Whether weights in the request of a view name files: then job_sources makes it one that job_submit takes, in that generation.
  * `paths`: names are compared with the paths of files, too. -ERR_NOTFOUND: a name means no file; -ERR_LIMIT: there are too many
- * names, or numbers. The bytes are those that it needs meanwhile, which the caller charges. */
+ * names, or numbers. It may take a second; -ERR_CANCELLED: `left` was set meanwhile (NULL: never). The bytes are those that it
+ * needs meanwhile, which the caller charges. */
 bool job_names_files(const char *text);
 size_t job_sources_bytes(const struct grid_manifest *);
-int job_sources(const char *text, const struct grid_manifest *, uint64_t generation, bool paths, char **ret, struct err *err);
+int job_sources(const char *text, const struct grid_manifest *, uint64_t generation, bool paths, const atomic_bool *left,
+		char **ret, struct err *err);
 /* NULL: no job that this peer may see. A finished job is valid until the next jobs_tidy; search for it again then. */
 struct job *job_find(struct jobs *, uint64_t id, const struct peer *);
 struct job *job_after(struct jobs *, uint64_t id, const struct peer *); /* the next number above `id` */

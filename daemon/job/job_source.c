@@ -10,16 +10,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "decimal.h"
 #include "job_priv.h"
 #include "order.h"
 #include "utf8.h"
 
 #define WORD " weight="
+#define NAME_SEVERAL "name several at once, as in survey-2024/*.laz or survey-2024/"
 /* Nearest names: those of so many sources are compared, by so many letters, and so many are told. */
 enum { COMPARED = 2000, LETTERS = 64, TOLD = 3 };
-/* Names in one request: each is compared with all files. */
-enum { NAMES_MOST = 1000 };
+/* Names in one request, and how often one is compared with a file: each is with all. That takes seconds at most. */
+enum { NAMES_MOST = 1000, COMPARISONS_MOST = 20000000 };
 
 /* The radius of a name, as it was written in the request. */
 struct radius {
@@ -36,7 +36,9 @@ struct naming {
 	uint16_t *of;                /* the name that each source is in, from 1 */
 	struct radius radius[NAMES_MOST];
 	unsigned names;
-	char *made; /* VIEW_TEXT_MAX bytes, and a zero */
+	uint64_t comparisons;
+	const atomic_bool *left; /* nobody waits any more; may be NULL */
+	char *made;              /* VIEW_TEXT_MAX bytes, and a zero */
 	size_t size;
 	struct err *err;
 };
@@ -331,29 +333,9 @@ static int put_ids(struct naming *n, size_t count)
 	return r;
 }
 
-/* "1.00m" is "1m". Radii in several units are not compared. */
-static bool same_radius(struct radius a, struct radius b)
+static bool same_radius(const struct radius *a, const struct radius *b)
 {
-	static const char digits[] = "0123456789.eE+-";
-	char text[2][DECIMAL_TEXT_SIZE];
-	const struct radius both[2] = {a, b};
-	struct decimal d[2];
-	size_t number[2];
-
-	if (a.n == b.n && !memcmp(a.at, b.at, a.n))
-		return true;
-	for (int i = 0; i < 2; i++) {
-		for (number[i] = 0; number[i] < both[i].n && strchr(digits, both[i].at[number[i]]); number[i]++)
-			;
-		if (number[i] >= sizeof text[i])
-			return false;
-		memcpy(text[i], both[i].at, number[i]);
-		text[i][number[i]] = '\0';
-		if (!decimal_parse(text[i], &d[i]))
-			return false;
-	}
-	return !decimal_compare(d[0], d[1]) && a.n - number[0] == b.n - number[1] &&
-	       !memcmp(a.at + number[0], b.at + number[1], a.n - number[0]);
+	return view_same_length(a->at, a->n, b->at, b->n);
 }
 
 static int two_radii(const struct naming *n, const struct grid_source *s, struct radius a, struct radius b)
@@ -361,6 +343,12 @@ static int two_radii(const struct naming *n, const struct grid_source *s, struct
 	err_set(n->err, ERR_USAGE, "--weight: %.100s has two radii: %.*s, and %.*s as \"%.100s\"", s->name,
 		(int)(a.n < 40 ? a.n : 40), a.at, (int)(b.n < 40 ? b.n : 40), b.at, n->name);
 	return err_add_hint(n->err, "give each file one radius");
+}
+
+static int too_many(const struct naming *n)
+{
+	err_set(n->err, ERR_LIMIT, "--weight names too many files for a dataset of %zu", n->m->nsources);
+	return err_add_hint(n->err, NAME_SEVERAL);
 }
 
 /* The sources that the name means, and of them those in no earlier name: n->id[0..*ret_fresh). Two names may mean one source if
@@ -371,13 +359,18 @@ static int find_sources(struct naming *n, size_t *ret_fresh)
 	bool found = false;
 
 	*ret_fresh = 0;
+	if (n->left && atomic_load(n->left))
+		return err_set(n->err, ERR_CANCELLED, "the client has left");
+	n->comparisons += n->m->nsources;
+	if (n->comparisons > COMPARISONS_MOST)
+		return too_many(n);
 	for (size_t i = 0; i < n->m->nsources; i++) {
 		const struct grid_source *s = &n->m->sources[i];
 
 		if (!points_here(n, s) || !means(n, s))
 			continue;
 		found = true;
-		if (n->of[i] && !same_radius(n->radius[n->of[i] - 1], radius))
+		if (n->of[i] && !same_radius(&n->radius[n->of[i] - 1], &radius))
 			return two_radii(n, s, n->radius[n->of[i] - 1], radius);
 		if (n->of[i])
 			continue;
@@ -394,7 +387,7 @@ static int name_of(struct naming *n, const char *at, size_t length)
 
 	if (n->names == NAMES_MOST) {
 		err_set(n->err, ERR_LIMIT, "--weight names more than %d files", NAMES_MOST);
-		return err_add_hint(n->err, "name several at once, as in survey-2024/*.laz or survey-2024/");
+		return err_add_hint(n->err, NAME_SEVERAL);
 	}
 	if (!colon || !decode(at + 1, name - 1, n->name))
 		return err_set(n->err, ERR_PROTO, "\"%.*s\" is not the name of a file with a radius",
@@ -456,7 +449,8 @@ size_t job_sources_bytes(const struct grid_manifest *m)
 	return sizeof *n + VIEW_TEXT_MAX + 1 + (m->nsources + 1) * (sizeof *n->id + sizeof *n->of);
 }
 
-int job_sources(const char *text, const struct grid_manifest *m, uint64_t generation, bool paths, char **ret, struct err *err)
+int job_sources(const char *text, const struct grid_manifest *m, uint64_t generation, bool paths, const atomic_bool *left,
+		char **ret, struct err *err)
 {
 	struct naming *n;
 	int r;
@@ -471,6 +465,7 @@ int job_sources(const char *text, const struct grid_manifest *m, uint64_t genera
 	n->m = m;
 	n->generation = generation;
 	n->paths = paths;
+	n->left = left;
 	n->err = err;
 	n->id = calloc(m->nsources + 1, sizeof *n->id);
 	n->of = calloc(m->nsources + 1, sizeof *n->of);

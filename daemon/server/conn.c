@@ -420,7 +420,7 @@ static void leave_jobs(struct conn *c)
 }
 
 /* Cancelling a prune answers its request, which frees the request. */
-static void leave_prunes(struct conn *c)
+static void leave_work(struct conn *c)
 {
 	struct request *q, *next;
 
@@ -428,6 +428,8 @@ static void leave_prunes(struct conn *c)
 		next = q->next;
 		if (q->prune)
 			dataset_prune_cancel(q->prune);
+		else if (q->named)
+			request_named_leave(q->named);
 	}
 }
 
@@ -458,7 +460,7 @@ void conn_close(struct conn *c)
 		cache_verify_end(c->verify);
 	if (c->adopt)
 		cache_adopt_end(c->adopt);
-	leave_prunes(c);
+	leave_work(c);
 }
 
 bool conn_reap(struct conn *c)

@@ -2,6 +2,7 @@
  * Views that name files of a dataset. A worker reads the manifest and puts the numbers of the sources in their place; then the
  * request goes on as others do, in the generation that was read.
  */
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,6 +15,7 @@ struct named_view {
 	struct ledger *ledger;
 	struct job_params params; /* the texts are copies */
 	bool plan, paths;
+	atomic_bool left; /* the connection is closed */
 	char *view, *priority, *made;
 };
 
@@ -37,7 +39,7 @@ static int look_for_files(void *token, int dirfd, const struct grid_manifest *m,
 		err_set(err, ERR_BUSY, "no memory for the names of files: %zu bytes are not free", bytes);
 		return err_add_hint(err, "try again later, or start acutd with more --memory");
 	}
-	r = job_sources(v->view, m, v->params.generation, v->paths, &v->made, err);
+	r = job_sources(v->view, m, v->params.generation, v->paths, &v->left, &v->made, err);
 	ledger_give(v->ledger, LEDGER_MANIFEST, bytes);
 	return r;
 }
@@ -48,6 +50,7 @@ static void on_files(void *token, const struct err *why, const struct dataset *d
 	struct jobs *jobs = v->request->conn->server->service->jobs;
 	struct err err = ERR_INIT;
 
+	v->request->named = NULL;
 	if (!why && !m) {
 		err_set(&err, ERR_NOTFOUND, "the dataset has no files yet");
 		why = &err;
@@ -55,6 +58,11 @@ static void on_files(void *token, const struct err *why, const struct dataset *d
 	/* A generation that is gone has a better message. */
 	if (v->params.generation && dataset_check_generation(d, v->params.generation, &err))
 		why = &err;
+	/* Nobody would know the job. */
+	if (!why && atomic_load(&v->left)) {
+		err_set(&err, ERR_CANCELLED, "the client has left");
+		why = &err;
+	}
 	v->params.view = v->made;
 	if (why)
 		request_refuse(v->request, why);
@@ -63,6 +71,11 @@ static void on_files(void *token, const struct err *why, const struct dataset *d
 	else
 		job_submit(jobs, &v->params, request_submitted, v->request);
 	named_free(v);
+}
+
+void request_named_leave(struct named_view *v)
+{
+	atomic_store(&v->left, true);
 }
 
 void request_named_view(struct request *q, const struct job_params *params, bool plan)
@@ -86,6 +99,7 @@ void request_named_view(struct request *q, const struct job_params *params, bool
 	dataset_info(params->dataset, &info);
 	v->paths = rights_allow(&params->peer, RIGHT_OWN, info.uid, info.gid, info.mode);
 	v->request = q;
+	q->named = v;
 	v->ledger = q->conn->server->p.ledger;
 	v->plan = plan;
 	v->params = *params;

@@ -63,7 +63,8 @@ struct request {
 	struct push_ref *push; /* of PushBegin to PushAbort */
 	uint64_t job;          /* of Wait and Fetch */
 	bool watch, wait;
-	struct prune *prune; /* of Prune */
+	struct prune *prune;      /* of Prune */
+	struct named_view *named; /* a view whose files are looked for */
 };
 
 /* A push of this connection. */
@@ -220,6 +221,7 @@ struct message_job {
 void message_job(const struct job *, struct message_job *ret);
 /* job_submit, or job_plan, with a view that names files of the dataset. */
 void request_named_view(struct request *, const struct job_params *, bool plan);
+void request_named_leave(struct named_view *); /* the connection is closed; its answer comes soon */
 void request_submitted(void *token, const struct err *why, struct job *);
 void request_planned(void *token, const struct err *why, const struct job_plan *);
 /* With `removed_counts`, for a page that message_job_rules gave the names to. */

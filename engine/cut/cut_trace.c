@@ -225,6 +225,27 @@ int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const st
 	return src->sums(src->ctx, t->range, t->nrange, err);
 }
 
+static bool is_recent(struct cut_cover *c, const uint32_t at[4])
+{
+	for (unsigned i = 0; i < c->nrecent; i++) {
+		const uint32_t *r = c->recent[i];
+
+		if (r[0] <= at[0] && r[1] <= at[1] && r[2] >= at[2] && r[3] >= at[3])
+			return true;
+	}
+	return false;
+}
+
+static void remember(struct cut_cover *c, const uint32_t at[4], unsigned k)
+{
+	const uint32_t low = (UINT32_C(1) << k) - 1;
+	uint32_t *r = c->recent[c->next++ % CUT_COVER_RECENT];
+
+	for (unsigned i = 0; i < 4; i++)
+		r[i] = i < 2 ? at[i] & ~low : at[i] | low;
+	c->nrecent += c->nrecent < CUT_COVER_RECENT;
+}
+
 /* By at most nine aligned squares. */
 void cut_cover_box(struct cut_cover *c, const int32_t box[4])
 {
@@ -234,8 +255,11 @@ void cut_cover_box(struct cut_cover *c, const int32_t box[4])
 
 	for (unsigned i = 0; i < 4; i++)
 		at[i] = (uint32_t)box[i] ^ bias;
+	if (is_recent(c, at))
+		return;
 	while ((at[2] >> k) - (at[0] >> k) > 2 || (at[3] >> k) - (at[1] >> k) > 2)
 		k++;
+	remember(c, at, k);
 	/* The last one may be the last of the lattice. */
 	for (uint64_t x = at[0] >> k; x <= at[2] >> k; x++)
 		for (uint64_t y = at[1] >> k; y <= at[3] >> k; y++) {

@@ -35,6 +35,11 @@
  * the pieces is the same. Points outside of R are in no such disc, so (2) is enough for them. Whether a record is live may depend
  * on lines, so a line set with another content than that of then counts as content that is not live any more.
  *
+ * Weights. A domain with weights begins with P(B), and depends on more: on points in discs and half planes
+ * (docs/design/weights.md, "The trace"). When it is made, ranges around these become a part of R, too. Where a border is
+ * infinite, it also depends on points that are at least as far along it as the last site, whatever their distance from it. So (2)
+ * has these for a view with weights: h <= E' says so only beyond the last site.
+ *
  * Merged segments, removed and restored sources, and copies of a point in other files change no live content, so they
  * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers must be of one lattice
  * with the same K; the caller must ensure that.
@@ -62,6 +67,26 @@ struct check {
 	struct err *err;
 };
 
+/* Whether, with weights, a point in the box can matter at an infinite end. */
+static bool at_end(const struct check *j, const int32_t box[4])
+{
+	for (unsigned i = 0; j->view->nweight && i < j->nchain; i++) {
+		const struct cut_chain *c = &j->chain[i];
+		int64_t u0, u1, x;
+
+		cut_chain_span(c, box, &u0, &u1, &x);
+		if (!c->n || (c->t0 == INT64_MIN && u0 <= cut_chain_u(c, &c->pt[0])) ||
+		    (c->t1 == INT64_MAX && u1 >= cut_chain_u(c, &c->pt[c->n - 1])))
+			return true;
+	}
+	return false;
+}
+
+static bool sees(const struct check *j, const int32_t box[4])
+{
+	return cut_chains_hit(j->chain, j->nchain, box) || at_end(j, box);
+}
+
 /* Before many boxes are tested; for a single one it costs more than it saves. */
 static void check_survey(struct check *j)
 {
@@ -86,8 +111,7 @@ static bool check_matters(const struct check *j, const struct grid_cell *cell)
 	uint64_t lo, hi;
 
 	cut_box_keys(cell->box, &lo, &hi);
-	return cell->count && !cut_trace_contains(j->trace, lo, hi) &&
-	       (meets_region(j, cell->box) || cut_chains_hit(j->chain, j->nchain, cell->box));
+	return cell->count && !cut_trace_contains(j->trace, lo, hi) && (meets_region(j, cell->box) || sees(j, cell->box));
 }
 
 static bool check_enter(void *ctx, const struct grid_cell *subtree)
@@ -102,11 +126,12 @@ static int check_points(void *ctx, const struct point *pts, size_t n, struct err
 	(void)err;
 	for (size_t i = 0; i < n; i++) {
 		const struct point *p = &pts[i];
+		const int32_t box[4] = {p->x, p->y, p->x, p->y};
 		uint64_t key = point_morton(p->x, p->y);
 
 		if (cut_trace_contains(j->trace, key, key) || view_judge(j->view, p) != VIEW_KEPT)
 			continue;
-		if (meets_region(j, (const int32_t[4]){p->x, p->y, p->x, p->y}))
+		if (meets_region(j, box) || at_end(j, box))
 			return FOUND;
 		for (unsigned k = 0; k < j->nchain; k++)
 			if (!cut_chain_above(&j->chain[k], p))
@@ -170,7 +195,7 @@ static bool added_segment(void *ctx, const struct grid_cell *whole)
 	while (i < f->n && f->segment[i].number != whole->segment)
 		i++;
 	if (i == f->n || !whole->count ||
-	    !(meets_region(f->check, whole->box) || cut_chains_hit(f->check->chain, f->check->nchain, whole->box) ||
+	    !(meets_region(f->check, whole->box) || sees(f->check, whole->box) ||
 	      (f->check->discs && boxes_meet(f->check->trace->lines.disc, whole->box))))
 		return false;
 	check_survey(f->check);
@@ -183,8 +208,7 @@ static bool added_near(void *ctx, const struct grid_cell *cell)
 	uint64_t lo, hi;
 
 	cut_box_keys(cell->box, &lo, &hi);
-	return cell->count &&
-	       (meets_ranges(j->trace, lo, hi) || meets_region(j, cell->box) || cut_chains_hit(j->chain, j->nchain, cell->box));
+	return cell->count && (meets_ranges(j->trace, lo, hi) || meets_region(j, cell->box) || sees(j, cell->box));
 }
 
 static int added_cell(void *ctx, const struct grid_cell *cell)

@@ -67,9 +67,13 @@ void cut_trace_init(struct cut_trace *, void *memory);
 void cut_trace_sites(struct cut_trace *, const struct cut_chain *chain, unsigned n);
 int cut_trace_ranges(struct cut_trace *, const struct cut_source *, const struct cut_region *, struct err *err);
 /* Adds ranges: those around the boxes of discs, one after the other; at the end their sums. */
+enum { CUT_COVER_RECENT = 8 };
 struct cut_cover {
 	struct cut_trace *trace;
-	uint64_t mask; /* zero at first; low bits that are rounded off */
+	uint64_t mask; /* zero at first, as all of it; low bits that are rounded off */
+	/* What was added last: neighbours are often in the same squares. */
+	uint32_t recent[CUT_COVER_RECENT][4];
+	unsigned nrecent, next;
 };
 void cut_cover_box(struct cut_cover *, const int32_t box[4]);
 int cut_cover_end(struct cut_cover *, const struct cut_source *, struct err *err);

@@ -65,7 +65,7 @@ const struct grid_manifest *grid_manifest(const struct grid *);
 uint64_t grid_points(const struct grid *);                               /* live records */
 bool grid_all_live(const struct grid *);                                 /* no segment mixes live and dead records */
 uint64_t grid_segment_points(const struct grid *, size_t segment);       /* live records of a segment of the manifest */
-struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
+struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these, as of grid_sum */
 /* The slots that live records of a segment have, as bits: bit 0, none. */
 uint32_t grid_segment_slots(const struct grid *, size_t segment);
 uint8_t grid_source_slot(const struct grid *, uint32_t source);     /* 0: it has none */
@@ -136,7 +136,8 @@ int grid_scan(struct grid_reader *, uint64_t lo, uint64_t hi, grid_points_fn, vo
 /* Upper bound of the number of live records in the range; *ret_exact if it is the number itself. */
 int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
 /* Content sum (format.md) of the live records in the range, over all segments; always exact. If records are marked, what marks in
- * the range depend on is added (lineset_sum_range), which is zero far from lines. */
+ * the range depend on is added (lineset_sum_range), which is zero far from lines. If sources have slots, records of different
+ * slots count differently; it does not depend on the numbers of sources. */
 int grid_sum(struct grid_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
 /* The same for many ranges, ascending and disjoint, in one descent of the index; sets the sum of each. */
 struct grid_sum {

@@ -37,6 +37,14 @@ uint8_t grid_slot(const struct grid *g, uint32_t source)
 	return s ? s->slot : 0;
 }
 
+struct digest grid_slot_sum(struct digest sum, uint8_t slot)
+{
+	/* Odd, so that no bit is lost; their differences are as good as random. */
+	const uint64_t factor = slot ? slot * UINT64_C(0x9e3779b97f4a7c15) | 1 : 1;
+
+	return (struct digest){sum.hi * factor, sum.lo * factor};
+}
+
 static void add_live(struct grid *g, struct grid_live *l, const struct disk_total *t)
 {
 	const struct digest sum = {t->sum_hi, t->sum_lo};
@@ -44,7 +52,9 @@ static void add_live(struct grid *g, struct grid_live *l, const struct disk_tota
 
 	l->points += t->points;
 	digest_add(&l->sum, sum);
+	digest_add(&l->content, grid_slot_sum(sum, slot));
 	l->slots |= UINT32_C(1) << slot;
+	l->slot = slot;
 	if (!slot)
 		return;
 	l->slotted += t->points;
@@ -376,7 +386,7 @@ uint64_t grid_segment_slotted(const struct grid *g, size_t segment)
 
 struct digest grid_segment_content(const struct grid *g, size_t segment)
 {
-	return g->live[segment].sum;
+	return g->live[segment].content;
 }
 
 bool grid_box(const struct grid *g, int32_t ret_box[4])

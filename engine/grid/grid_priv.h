@@ -69,10 +69,12 @@ uint32_t grid_order_next(const struct grid_order *, uint32_t from, uint64_t lo);
 
 struct grid_live { /* of a segment */
 	uint64_t points;
-	struct digest sum; /* content sum of the live records */
-	bool all, none;    /* of its records are live */
-	uint32_t slots;    /* grid_segment_slots */
-	uint64_t slotted;  /* grid_segment_slotted */
+	struct digest sum;     /* content sum of the live records */
+	struct digest content; /* the same with slots: grid_segment_content */
+	bool all, none;        /* of its records are live */
+	uint32_t slots;        /* grid_segment_slots */
+	uint64_t slotted;      /* grid_segment_slotted */
+	uint8_t slot;          /* of all live records, if they have one slot */
 };
 
 struct grid_liveness { /* of a source */
@@ -105,6 +107,8 @@ struct grid {
 /* Whether the records of this source count in the generation; false if the manifest has no such source. */
 bool grid_live(const struct grid *, uint32_t source);
 uint8_t grid_slot(const struct grid *, uint32_t source);
+/* A content sum of records of one slot, as content sums have it. Linear, so sums of parts add up; slot 0: unchanged. */
+struct digest grid_slot_sum(struct digest sum, uint8_t slot);
 
 /* ---- a reader ---- */
 

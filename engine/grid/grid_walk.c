@@ -211,7 +211,7 @@ int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_co
 
 /* ---- content sum ---- */
 
-/* Sums a cell that has live and dead sources from the heads of its blocks, without reading its records. */
+/* Sums a cell of sources that count differently from the heads of its blocks, without reading its records. */
 static int sum_heads(struct descent *d, const struct grid_cell *cell, struct err *err)
 {
 	struct grid_cursor cursor;
@@ -224,7 +224,8 @@ static int sum_heads(struct descent *d, const struct grid_cell *cell, struct err
 			return rc;
 		for (unsigned i = 0; i < b.head->sources; i++)
 			if (grid_live(d->r->grid, b.sources[i].id))
-				digest_add(d->ctx, (struct digest){b.sources[i].sum_hi, b.sources[i].sum_lo});
+				digest_add(d->ctx, grid_slot_sum((struct digest){b.sources[i].sum_hi, b.sources[i].sum_lo},
+								 grid_slot(d->r->grid, b.sources[i].id)));
 	}
 	return 0;
 }
@@ -251,24 +252,31 @@ static enum relation sums_relation(const struct sums *s, const int32_t box[4], s
 	return s->range[i].lo <= lo && hi <= s->range[i].hi ? INSIDE : ACROSS;
 }
 
+/* Whether all records of a segment are live and of one slot. */
+static bool is_uniform(const struct grid_live *l)
+{
+	return l->all && !(l->slots & (l->slots - 1));
+}
+
 static bool sums_segment(const struct descent *d)
 {
 	struct digest *sum;
 	enum relation relation = sums_relation(d->ctx, d->r->grid->segments[d->segment].box, &sum);
 
 	if (relation == INSIDE)
-		digest_add(sum, d->r->grid->live[d->segment].sum);
+		digest_add(sum, d->r->grid->live[d->segment].content);
 	return relation == ACROSS;
 }
 
 static bool sums_inner(struct descent *d, const struct disk_inner *e)
 {
+	const struct grid_live *l = &d->r->grid->live[d->segment];
 	struct digest *sum;
 	enum relation relation = sums_relation(d->ctx, e->box, &sum);
 
-	if (relation != INSIDE || !d->r->grid->live[d->segment].all)
+	if (relation != INSIDE || !is_uniform(l))
 		return relation != OUTSIDE;
-	digest_add(sum, (struct digest){e->sum_hi, e->sum_lo});
+	digest_add(sum, grid_slot_sum((struct digest){e->sum_hi, e->sum_lo}, l->slot));
 	return false;
 }
 
@@ -289,7 +297,8 @@ static int sums_records(struct descent *d, const struct grid_cell *cell, struct 
 			size_t k = grid_sum_find(s->range, s->n, key);
 
 			if (k < s->n && s->range[k].lo <= key)
-				digest_add(&s->range[k].sum, grid_record_hash(&pts[i]));
+				digest_add(&s->range[k].sum,
+					   grid_slot_sum(grid_record_hash(&pts[i]), (uint8_t)point_slot(&pts[i])));
 		}
 	}
 	return 0;
@@ -297,6 +306,7 @@ static int sums_records(struct descent *d, const struct grid_cell *cell, struct 
 
 static int sums_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf, struct err *err)
 {
+	const struct grid_live *l = &d->r->grid->live[d->segment];
 	struct digest *sum = NULL;
 
 	switch (sums_relation(d->ctx, cell->box, &sum)) {
@@ -307,13 +317,14 @@ static int sums_cell(struct descent *d, const struct grid_cell *cell, const stru
 	default:
 		break;
 	}
-	if (!cell->source && !d->r->grid->live[d->segment].all) {
+	if (!cell->source && !is_uniform(l)) {
 		struct descent heads = *d;
 
 		heads.ctx = sum;
 		return sum_heads(&heads, cell, err);
 	}
-	digest_add(sum, (struct digest){leaf->sum_hi, leaf->sum_lo});
+	digest_add(sum, grid_slot_sum((struct digest){leaf->sum_hi, leaf->sum_lo},
+				      cell->source ? grid_slot(d->r->grid, cell->source) : l->slot));
 	return 0;
 }
 

@@ -91,8 +91,7 @@ int pipe_domain_load(const struct grid *grid, const struct view *view, const str
 		load->flat = known && known->flat;
 		load->before = known && known->before ? &known->before->trace : NULL;
 		load->weight = weight;
-		/* The trace of a domain with weights stays empty: it depends on more than is recorded. */
-		load->trace = weight ? NULL : &trace->trace;
+		load->trace = &trace->trace;
 		cut_trace_init(&trace->trace, trace + 1);
 		r = cut_load(reader, view, region, load, ret_need, err);
 		/* The reported need must not depend on the store. */

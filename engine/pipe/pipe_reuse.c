@@ -49,7 +49,8 @@ void pipe_key_init(struct pipe_key *key, const struct grid *grid, const struct v
 	lattice_text(&grid_manifest(grid)->lattice, lattice);
 	key->content = grid_content(grid);
 	key->part[0] = digest_hash(lattice, strlen(lattice));
-	key->part[1] = view_hash(view);
+	/* Which records have which slot is in the content and in the sums, so numbers of sources are in no key. */
+	key->part[1] = view_hash_slots(view);
 	/* The origin decides what the numbers of regions and positions mean. */
 	if (view->map.is.k)
 		digest_add(&key->part[1], digest_hash(view->map.from, sizeof view->map.from));

@@ -198,6 +198,7 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 {
 	struct pipe_budget less = *budget;
 	struct regular w = {.view = view, .most = greatest(grid, view), .region = region};
+	struct cut_trace *trace = &((struct pipe_trace *)memory)->trace;
 	uint8_t *tables, *end;
 	int r;
 
@@ -207,12 +208,16 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 	w.weight = align_carve(&tables, less.cap);
 	w.memory = tables;
 	w.size = (size_t)(end - tables);
+	w.trace = trace;
 	r = attempt(grid, view, region, known, &less, MORE, memory, &w, ret, ret_need, err);
 	/* Before it is too far, all the memory is tried. */
 	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL && w.tri)
 		r = attempt(grid, view, region, known, &less, less.cap, memory, &w, ret, ret_need, err);
 	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL && w.tri)
 		return too_far(w.n, *ret_need, err);
+	/* It needs more than its positions say. */
+	if (!r && trace->nrange)
+		trace->lines.cap = budget->cap;
 	/* The error names what the whole arena would need. */
 	if (r == PIPE_E_SPLIT && *ret_need <= budget->cap)
 		*ret_need = (uint64_t)budget->cap + 1;

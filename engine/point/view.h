@@ -152,6 +152,8 @@ char *view_text(const struct view *);
 /* Parses exactly what view_text writes. -ERR_PROTO, -ERR_NOMEM. */
 int view_parse(const char *text, struct view *ret, struct err *err);
 struct digest view_hash(const struct view *);
+/* The same for views that differ only in which sources have which slot. */
+struct digest view_hash_slots(const struct view *);
 /* Converts a request to a view of a dataset with this lattice and these units (crs.h) of x and y, and of z: corners and heights
  * are rounded once, as points are; lengths are converted exactly, the bound of errors is rounded down. A canonical text is
  * accepted, too; "" is the default view. The view is checked. -ERR_PROTO: not a request; -ERR_USAGE: a contradiction; -ERR_INPUT:
@@ -161,6 +163,8 @@ int view_resolve(const char *text, const struct lattice *, const char *unit_xy, 
 /* The same, with a window, "box:..." or "area@E:..." as in a request, instead of the view's own; "": without a window. */
 int view_resolve_window(const char *text, const char *window, const struct lattice *, const char *unit_xy, const char *unit_z,
 			struct view *ret, struct err *err);
+/* Whether two lengths of a request are the same in every dataset: "1ft" and "0.3048m", but not "1m" and "1". */
+bool view_same_length(const char *a, size_t a_size, const char *b, size_t b_size);
 /* "2,8" or "2-5,9": sets the requested or the excluded classes; -ERR_USAGE for anything else. */
 int view_set_classes(struct view *, const char *list, struct err *err);
 int view_set_not_classes(struct view *, const char *list, struct err *err);

@@ -147,6 +147,20 @@ static const struct unit {
 	{"m", "metre", 1, 1},
 };
 
+/* The unit at the end of a length, which is taken off; NULL: it has none. */
+static const struct unit *take_unit(struct view_word *w)
+{
+	for (unsigned i = 0; i < sizeof units / sizeof *units; i++) {
+		size_t n = strlen(units[i].suffix);
+
+		if (w->n > n && !memcmp(w->at + w->n - n, units[i].suffix, n)) {
+			w->n -= n;
+			return &units[i];
+		}
+	}
+	return NULL;
+}
+
 /* `option`: "--thin". */
 static int no_unit(struct request *q, struct view_word w, const char *option, bool degrees, bool heights)
 {
@@ -166,19 +180,13 @@ static int no_unit(struct request *q, struct view_word w, const char *option, bo
 static int parse_unit(struct request *q, struct view_word *w, const char *option, const char *unit, int64_t *up, int64_t *down)
 {
 	struct view_word whole = *w;
-	const struct unit *of = NULL, *to = NULL;
+	const struct unit *of, *to = NULL;
 
 	*up = *down = 1;
-	for (unsigned i = 0; i < sizeof units / sizeof *units; i++) {
-		size_t n = strlen(units[i].suffix);
-
-		if (!of && w->n > n && !memcmp(w->at + w->n - n, units[i].suffix, n)) {
-			of = &units[i];
-			w->n -= n;
-		}
+	of = take_unit(w);
+	for (unsigned i = 0; i < sizeof units / sizeof *units; i++)
 		if (!strcmp(unit, units[i].name))
 			to = &units[i];
-	}
 	if (!of)
 		return 0;
 	if (!to)
@@ -188,6 +196,29 @@ static int parse_unit(struct request *q, struct view_word *w, const char *option
 		*down = of->down * to->up;
 	}
 	return 0;
+}
+
+bool view_same_length(const char *a_text, size_t a_size, const char *b_text, size_t b_size)
+{
+	enum { TENS_MOST = 12 }; /* equal numbers have no more between them, as mantissas do not end with zeros */
+	struct view_word a = {a_text, a_size}, b = {b_text, b_size};
+	const struct unit *ua = take_unit(&a), *ub = take_unit(&b);
+	struct decimal da, db;
+	__int128 va, vb;
+
+	if (!ua != !ub || !to_decimal(a, &da) || !to_decimal(b, &db))
+		return false;
+	if (!da.mantissa || !db.mantissa)
+		return da.mantissa == db.mantissa;
+	va = ua != ub ? (__int128)da.mantissa * ua->up * ub->down : da.mantissa;
+	vb = ua != ub ? (__int128)db.mantissa * ub->up * ua->down : db.mantissa;
+	if (da.exponent > db.exponent + TENS_MOST || db.exponent > da.exponent + TENS_MOST)
+		return false;
+	for (; da.exponent > db.exponent; da.exponent--)
+		va *= 10;
+	for (; db.exponent > da.exponent; db.exponent--)
+		vb *= 10;
+	return va == vb;
 }
 
 static int parse_pick(struct view *v, struct view_word w)

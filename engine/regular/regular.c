@@ -58,6 +58,7 @@ static void lay_out(struct regular_work *w)
 static int add_points(struct regular_work *w, uint64_t *ret_need)
 {
 	regular_reduce(w);
+	regular_trace_points(w);
 	if ((uint64_t)w->r.nvertex + w->npoint > w->c->cap) {
 		*ret_need = (uint64_t)w->r.nvertex + w->npoint;
 		return REGULAR_E_SPLIT;
@@ -181,8 +182,12 @@ int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
 	c->cells_read = c->points_read = 0;
 	if (c->size < regular_bytes(c->cap))
 		return err_set(err, ERR_INTERNAL, "%zu bytes are too few to verify a domain with weights", c->size);
-	view_weights(c->view, w.weight);
+	w.reach = view_weights(c->view, w.weight);
 	w.most = c->most;
+	if (c->trace)
+		regular_trace_init(&w);
+	else
+		w.reach = w.most;
 	cut_judge_init(&w.judge, c->view);
 	if (c->area) {
 		memcpy(w.box, c->area->box, sizeof w.box);
@@ -193,7 +198,7 @@ int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
 	lay_out(&w);
 	rc = regular_flat_run(&w, ret_need);
 	if (rc || c->flat)
-		return rc;
+		return rc ? rc : regular_trace_end(&w);
 	tri_result(c->tri, &w.r);
 	if (!c->area)
 		regular_border_init(&w);
@@ -202,5 +207,5 @@ int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
 		choose_taken(&w);
 	else if (!rc)
 		choose(&w);
-	return rc;
+	return rc ? rc : regular_trace_end(&w);
 }

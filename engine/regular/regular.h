@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "cut_source.h"
+#include "cut_valid.h"
 #include "tri_regular.h"
 
 struct err;
@@ -37,11 +38,12 @@ struct regular {
 	const struct regular_area *area; /* NULL: the region's triangles */
 	struct tri *tri; /* after tri_init; its input has the n positions of P(B), those of the region, or area, among them */
 	uint32_t n, own, cap;
-	uint8_t *weight; /* the numbers of their weights, with room for `cap` */
-	void *memory;    /* aligned to 8 */
-	size_t size;     /* at least regular_bytes(cap) */
-	/* for tests: P(B) alone; only what is in the region and on its borders is verified */
-	bool not_verified, no_hull;
+	uint8_t *weight;         /* the numbers of their weights, with room for `cap` */
+	void *memory;            /* aligned to 8 */
+	size_t size;             /* at least regular_bytes(cap) */
+	struct cut_trace *trace; /* of P(B); gets what the region depends on. Not of an area; may be NULL */
+	/* for tests: P(B) alone; only what is in the region and on its borders is verified; the trace stays that of P(B) */
+	bool not_verified, no_hull, less_trace;
 	/* results, for finish.h */
 	bool flat;               /* all positions of the view are on one line: nothing is hidden, and there is no triangle */
 	const uint64_t *chosen;  /* in `memory`: a bit for each triangle of `tri` that the region owns, or the area takes */

@@ -128,6 +128,7 @@ int regular_flat_run(struct regular_work *w, uint64_t *ret_need)
 			*ret_need = (uint64_t)n + 1;
 			return REGULAR_E_SPLIT;
 		}
+		regular_trace_nearest(w, near.x, near.y, sqrt(near.best));
 		input_again(w, &near.point);
 		w->c->added++;
 		n++;

@@ -49,6 +49,7 @@ struct regular_work {
 	struct err *err;
 	struct tri_regular tri;
 	int64_t weight[VIEW_WEIGHTS + 1], most; /* most: the greatest */
+	int64_t reach; /* for the trace: that of the view, which other generations may have; without a trace `most` */
 	struct cut_judge judge;
 	struct tri_result r;
 	struct cut_range range[4]; /* of the region */
@@ -73,7 +74,8 @@ struct regular_work {
 	uint32_t mostlist;
 	struct point *point; /* that are loaded in this turn */
 	uint32_t npoint, mostpoint;
-	uint64_t limit; /* the key from which on points are not taken in this turn; UINT64_MAX: all are */
+	struct cut_cover cover; /* of the trace */
+	uint64_t limit;         /* the key from which on points are not taken in this turn; UINT64_MAX: all are */
 };
 
 static inline bool regular_bit(const uint64_t *bits, uint32_t i)
@@ -107,6 +109,9 @@ void regular_border_place(const struct regular_work *, unsigned i, uint32_t a, u
 bool regular_border_ends(const struct regular_work *, struct geom_weighted);
 bool regular_border_ends_box(const struct regular_work *, const int32_t box[4]); /* for infinite ends */
 
+/* Whether all positions in the box are in the region, or area, and were loaded. */
+bool regular_in_region(const struct regular_work *, const int32_t box[4]);
+
 /* regular_watch.c: verifies all, or with `first`, after vertices from there on were added, what more may be hidden. */
 int regular_watch(struct regular_work *, uint32_t first);
 
@@ -117,6 +122,13 @@ int regular_disc_add(struct regular_work *, uint32_t a, const double u[2]);
 void regular_ghost_add(struct regular_work *, uint32_t triangle);
 int regular_read(struct regular_work *);    /* what has been added */
 void regular_reduce(struct regular_work *); /* the points of this turn: one record for each position, in Morton order */
+
+/* regular_trace.c: what the trace gets, if there is one. */
+void regular_trace_init(struct regular_work *);
+void regular_trace_disc(struct regular_work *, uint32_t a, const double u[2]);        /* as regular_disc_add */
+void regular_trace_points(struct regular_work *);                                     /* those that were loaded in this turn */
+void regular_trace_nearest(struct regular_work *, double x, double y, double radius); /* positions in the disc */
+int regular_trace_end(struct regular_work *);
 
 /* regular_flat.c: tri_regular_run, with more positions until they are not on one line. */
 int regular_flat_run(struct regular_work *, uint64_t *ret_need);

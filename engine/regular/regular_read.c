@@ -47,6 +47,7 @@ int regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
 	if (w->ndisc % REGULAR_GROUP == 0)
 		memcpy(group, box, sizeof(box));
 	point_box_join(group, box);
+	regular_trace_disc(w, a, u);
 	return ++w->ndisc == w->mostdisc ? regular_read(w) : 0;
 }
 

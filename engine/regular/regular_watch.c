@@ -60,13 +60,13 @@ static bool ends_here(const struct regular_work *w, const int32_t a[2], const in
 /* Whether the disc of an owned triangle, with its centre so far inside, is certainly in the region. */
 static bool disc_inside(const struct regular_work *w, uint32_t corner, const double u[2], double inside)
 {
-	double square = u[0] * u[0] + u[1] * u[1], more = (double)(w->most - regular_vertex(w, corner).w);
+	double square = u[0] * u[0] + u[1] * u[1], more = (double)(w->reach - regular_vertex(w, corner).w);
 
 	inside -= 1 + 0x1p-40 * (fabs(u[0]) + fabs(u[1]));
 	return inside > 0 && inside * inside > (square + more) + 0x1p-30 * (square + fabs(more));
 }
 
-static bool in_region(const struct regular_work *w, const int32_t box[4])
+bool regular_in_region(const struct regular_work *w, const int32_t box[4])
 {
 	if (w->c->area)
 		return w->c->area->holds(w->c->area->ctx, box);
@@ -82,7 +82,10 @@ static int watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
 
 	regular_set(w->watched, i, true);
 	regular_disc_box(&d, box);
-	return in_region(w, box) ? 0 : regular_disc_add(w, c[0], u);
+	if (!regular_in_region(w, box))
+		return regular_disc_add(w, c[0], u);
+	regular_trace_disc(w, c[0], u);
+	return 0;
 }
 
 /* The edges of a triangle that is not owned, or of a ghost. Between two owned ones no edge of cells meets the border. */

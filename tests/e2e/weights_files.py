@@ -152,19 +152,22 @@ def selected():
 
 def generations():
     rng = random.Random(7)
-    old, new = flights(rng, 40000)
+    old, new = flights(rng, 150000)
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         a, b = write(base, "old.csv", old), write(base, "new.csv", new)
         d.ctl("push", "s", a, b).ok()
         first = submit(d, "s", "new.csv=15")
         compare(first, [(old, 0), (new, 15)], "at first")
         # A better delivery replaces the better flight. It has another number.
-        better = [(x, y, z + 1, cls) for x, y, z, cls in new[::2]]
+        strip = len(old) // 4
+        better = [(x, y, z + 1, cls) for x, y, z, cls in new[:strip:2]] + new[strip:]
         write(base, "new.csv", better)
         d.ctl("push", "s", "--replace", b).ok()
         second = submit(d, "s", "new.csv=15")
         compare(second, [(old, 0), (better, 15)], "replaced")
         expect(second["view"] != first["view"], "%s is also %s" % (first["view"], second["view"]))
+        # What is far from the better flight is taken, though the numbers are others.
+        expect(0 < second["domains_reused"] < second["domains"], "replaced: %s" % second)
         at = submit(d, "s", "new.csv=15", "--at", "1")
         expect(at["job"] == first["job"], "generation 1: %s" % at)
         # A third file that the pattern means joins a job, but not one that was there.
@@ -203,6 +206,27 @@ def same_content():
         first, second = submit(d, "s", "new.csv=15", *crop), submit(d, "t", "old.csv=15", *crop)
         expect(first["digest"] != second["digest"], "selections: %s" % first)
         expect(same(submit(d, "t", "new.csv=15", *crop)) == same(first), "a selection of another dataset")
+
+
+def named():
+    """People read names of files where views have numbers; programs read the view."""
+    rng = random.Random(10)
+    old, new = flights(rng, 500)
+    metres = ("--assume-crs", "EPSG:2154", "--assume-units", "m,m")
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        a, b = write(base, "old.csv", old), write(base, "new: #1.csv", new)
+        d.ctl("push", "s", a, b, *metres).ok()
+        one = submit(d, "s", "new*=15")
+        d.ctl("push", "s", "--replace", write(base, "new: #1.csv", new[1:]), *metres).ok()
+        files = [write(base, "f%d.csv" % i, [(i, 0, 0, 1)]) for i in range(4)]
+        d.ctl("push", "s", *files, *metres).ok()
+        two = submit(d, "s", "*.csv=15,77=3")
+        for job, want in ((one, "weight=new: #1.csv:15"), (two, "weight=77:3,old.csv+new: #1.csv+f0.csv and 3 more:15")):
+            told = d.ctl("show", str(job["job"])).ok().out
+            expect(any(line.startswith("view") and line.endswith(want) for line in told.splitlines()), "not %s: %s" % (want, told))
+        expect(d.ctl("show", str(two["job"]), "--json").ok().json()["view"] == two["view"], two["view"])
+        told = d.ctl("volume", str(one["job"]), str(two["job"])).ok().err
+        expect("weight=new: #1.csv:15" in told and "old.csv+new: #1.csv+f0.csv and 3 more" in told, told)
 
 
 def commands():
@@ -363,4 +387,4 @@ def tiny_places():
 
 
 if __name__ == "__main__":
-    e2e.main(tiny, any_memory, selected, generations, same_content, commands, note, hidden_places, tiny_places)
+    e2e.main(tiny, any_memory, selected, generations, same_content, named, commands, note, hidden_places, tiny_places)

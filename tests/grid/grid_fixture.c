@@ -329,10 +329,16 @@ struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, u
 
 struct reader reader_open(const struct folder *f, const char *manifest, uint64_t generation, size_t index_memory)
 {
+	return reader_open_use(f, manifest, generation, NULL, index_memory);
+}
+
+struct reader reader_open_use(const struct folder *f, const char *manifest, uint64_t generation, const struct grid_use *use,
+			      size_t index_memory)
+{
 	struct reader r = {0};
 	struct err err = ERR_INIT;
 
-	CHECK(grid_open(f->fd, manifest, generation, NULL, index_memory, &r.grid, &err));
+	CHECK(grid_open_use(f->fd, manifest, generation, use, NULL, index_memory, &r.grid, &err));
 	r.memory = malloc(grid_reader_bytes(r.grid));
 	CHECK(grid_reader_new(r.grid, r.memory, grid_reader_bytes(r.grid), &r.r, &err));
 	return r;

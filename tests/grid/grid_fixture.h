@@ -80,6 +80,8 @@ struct reader {
 	void *memory;
 };
 struct reader reader_open(const struct folder *, const char *manifest, uint64_t generation, size_t index_memory);
+struct reader reader_open_use(const struct folder *, const char *manifest, uint64_t generation, const struct grid_use *,
+			      size_t index_memory);
 void reader_close(struct reader *);
 
 /* Collects everything that a scan returns. */

@@ -137,6 +137,61 @@ static bool same(struct digest a, struct digest b)
 	return digest_equal(a, b);
 }
 
+enum { RANGES = 40 };
+
+static uint64_t ends[2 * RANGES]; /* of ranges, at records */
+
+static int by_key(const void *a, const void *b)
+{
+	return *(const uint64_t *)a < *(const uint64_t *)b ? -1 : *(const uint64_t *)a > *(const uint64_t *)b;
+}
+
+static void draw_ends(const struct set *all)
+{
+	uint64_t seed = 5;
+
+	for (unsigned i = 0; i < 2 * RANGES; i++) {
+		const struct point *p = &all->pts[random_below(&seed, all->n)];
+
+		ends[i] = point_morton(p->x, p->y);
+	}
+	qsort(ends, 2 * RANGES, sizeof *ends, by_key);
+	for (unsigned i = 1; i < 2 * RANGES; i++)
+		ends[i] += ends[i] <= ends[i - 1] ? ends[i - 1] - ends[i] + 1 : 0;
+}
+
+/* Of ranges with gaps between them; returns the sum of everything. */
+static struct digest sums(const struct folder *f, const char *name, uint64_t g, const struct slots *slots,
+			  struct digest ret[RANGES])
+{
+	struct reader r = open_slots(f, name, g, slots);
+	struct grid_sum range[RANGES];
+	struct digest all, whole = {0, 0};
+	struct err err = ERR_INIT;
+
+	for (unsigned i = 0; i < RANGES; i++)
+		range[i] = (struct grid_sum){.lo = ends[2 * i], .hi = ends[2 * i + 1]};
+	CHECK(grid_sums(r.r, range, RANGES, &err));
+	CHECK(grid_sum(r.r, 0, UINT64_MAX, &all, &err));
+	for (unsigned i = 0; i < RANGES; i++)
+		ret[i] = range[i].sum;
+	for (size_t i = 0; i < grid_manifest(r.grid)->nsegments; i++)
+		digest_add(&whole, grid_segment_content(r.grid, i));
+	assert_true(same(whole, all));
+	reader_close(&r);
+	return all;
+}
+
+/* How many sums differ. */
+static unsigned differ(const struct digest a[RANGES], const struct digest b[RANGES])
+{
+	unsigned n = 0;
+
+	for (unsigned i = 0; i < RANGES; i++)
+		n += !same(a[i], b[i]);
+	return n;
+}
+
 static void test_records(void **state)
 {
 	struct set all = set_make(SHAPE_DUPLICATES, POINTS, SOURCES, 11);
@@ -149,11 +204,21 @@ static void test_records(void **state)
 	CHECK(stage_set(&f, "a", &half, 0, &two[0], &err));
 	CHECK(stage_set(&f, "b", &rest, 0, &two[1], &err));
 	stage_sources(&f, &all, 4, many);
+	draw_ends(&all);
 	free(write_manifest(&f, "whole", &whole, 1).sources);
 	free(write_manifest(&f, "two", two, 2).sources);
 	free(write_manifest(&f, "many", many, 4).sources);
 	for (uint64_t g = 1; g <= GENERATIONS; g++) {
-		struct digest is = content(&f, "whole", g, &some);
+		struct digest is = content(&f, "whole", g, &some), sum[3][RANGES];
+
+		assert_true(same(sums(&f, "whole", g, &some, sum[0]), sums(&f, "two", g, &some, sum[1])));
+		assert_int_equal(differ(sum[0], sum[1]), 0);
+		sums(&f, "many", g, &some, sum[2]);
+		assert_int_equal(differ(sum[0], sum[2]), 0);
+		assert_false(same(sums(&f, "whole", g, NULL, sum[1]), sums(&f, "whole", g, &some, sum[0])));
+		sums(&f, "many", g, &none, sum[2]);
+		assert_int_equal(differ(sum[1], sum[2]), 0);
+		assert_true(differ(sum[0], sum[1]) > 3);
 
 		check_records(&f, "whole", &all, g);
 		check_records(&f, "two", &all, g);
@@ -176,22 +241,29 @@ static void test_content(void **state)
 	struct folder f = folder_new();
 	struct grid_manifest m = manifest_of(&info, 1, SOURCES);
 	struct err err = ERR_INIT;
-	struct digest first;
+	struct digest first, sum[2][RANGES];
 
 	CHECK(stage_set(&f, "a", &all, 0, &info, &err));
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
 	first = content(&f, "m", 1, &some);
+	draw_ends(&all);
+	sums(&f, "m", 1, &some, sum[0]);
 	for (size_t i = 0; i < all.n; i++)
 		all.ids[i] = other[all.ids[i] - 1];
 	CHECK(stage_set(&f, "b", &all, 0, &info, &err));
 	CHECK(grid_manifest_write(f.fd, "n", &m, &err));
 	assert_true(same(content(&f, "n", 1, &renumbered), first));
+	sums(&f, "n", 1, &renumbered, sum[1]);
+	assert_int_equal(differ(sum[0], sum[1]), 0);
 	assert_false(same(content(&f, "n", 1, &some), first));
 	all.ids[77] = all.ids[77] == 4 ? 1 : 4;
 	CHECK(stage_set(&f, "c", &all, 0, &info, &err));
 	CHECK(grid_manifest_write(f.fd, "o", &m, &err));
 	assert_true(same(content(&f, "o", 1, NULL), content(&f, "m", 1, NULL)));
 	assert_false(same(content(&f, "o", 1, &renumbered), first));
+	sums(&f, "o", 1, &renumbered, sum[1]);
+	assert_in_range(differ(sum[0], sum[1]), 0, 1);
+	assert_false(same(sums(&f, "o", 1, &renumbered, sum[1]), sums(&f, "m", 1, &some, sum[0])));
 	free(m.sources);
 	set_free(&all);
 	folder_remove(&f);

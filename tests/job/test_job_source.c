@@ -36,7 +36,7 @@ static void becomes(const char *items, bool paths, const char *want)
 	snprintf(text, sizeof text, "ask 1 ground weight=%s zmin=3", items);
 	snprintf(whole, sizeof whole, "ask 1 ground weight=%s zmin=3", want);
 	assert_true(job_names_files(text));
-	if (job_sources(text, &manifest, 2, paths, &got, &err))
+	if (job_sources(text, &manifest, 2, paths, NULL, &got, &err))
 		fail_msg("%s: %s", items, err.message);
 	assert_string_equal(got, whole);
 	assert_false(job_names_files(got));
@@ -49,7 +49,7 @@ static void refused(const char *items, uint64_t generation, bool paths, enum err
 	char text[600], all[2000], *got = NULL;
 
 	snprintf(text, sizeof text, "ask 1 weight=%s", items);
-	assert_int_equal(job_sources(text, &manifest, generation, paths, &got, &err), -(int)code);
+	assert_int_equal(job_sources(text, &manifest, generation, paths, NULL, &got, &err), -(int)code);
 	assert_null(got);
 	snprintf(all, sizeof all, "%s; %s", err.message, err.hint);
 	if (!strstr(all, said))
@@ -79,6 +79,9 @@ static void test_names(void **state)
 	becomes("@a.laz:5,@2024/a.laz:5,@2019/a.laz:5,3:1", true, "#2+6:5,3:1");
 	becomes("@a.laz:1m,@2019/:1.00m,@b.laz:2", true, "#2+6:1m,#3:1.00m,#7:2");
 	becomes("@a.laz:50,@2024/a.laz:5e1", true, "#2+6:50");
+	becomes("@a.laz:1ft,@2024/a.laz:0.3048m", true, "#2+6:1ft");
+	becomes("@a.laz:3937ftUS,@2024/a.laz:1.2e3m", true, "#2+6:3937ftUS");
+	becomes("@a.laz:0ft,@2024/a.laz:0.0m", true, "#2+6:0ft");
 	becomes("@a.laz:5,,@b.laz:5,", true, "#2+6:5,,#7:5,");
 	(void)state;
 }
@@ -106,7 +109,7 @@ static void test_patterns(void **state)
 		one.name = path;
 		snprintf(text, sizeof text, "ask 1 weight=@%s:1", pattern);
 		want = !fnmatch(pattern, path, FNM_PATHNAME);
-		if ((job_sources(text, &m, 1, false, &got, &err) == 0) != want)
+		if ((job_sources(text, &m, 1, false, NULL, &got, &err) == 0) != want)
 			fail_msg("%s, %s: not %d", pattern, path, want);
 		free(got);
 		hits += want;
@@ -122,11 +125,11 @@ static void test_patterns(void **state)
 	struct err err = ERR_INIT;
 
 	snprintf(text, sizeof text, "ask 1 weight=@%s:1", stars);
-	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), 0);
+	assert_int_equal(job_sources(text, &m, 1, true, NULL, &got, &err), 0);
 	free(got);
 	got = NULL;
 	snprintf(text, sizeof text, "ask 1 weight=@%sb:1", stars);
-	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), -ERR_NOTFOUND);
+	assert_int_equal(job_sources(text, &m, 1, true, NULL, &got, &err), -ERR_NOTFOUND);
 	(void)state;
 }
 
@@ -159,32 +162,44 @@ static void test_refused(void **state)
 /* A request of many names is no more text than the sources have numbers, and takes no more memory than it says. */
 static void test_many(void **state)
 {
-	enum { FILES = 6000, ITEMS = 1000 };
-	struct grid_source *s = calloc(FILES, sizeof *s);
-	const struct grid_manifest m = {.generation = 1, .sources = s, .nsources = FILES};
+	enum { FILES = 6000, ITEMS = 1000, MORE = 20001 };
+	struct grid_source *s = calloc(MORE, sizeof *s);
+	struct grid_manifest m = {.generation = 1, .sources = s, .nsources = FILES};
+	const atomic_bool left = true;
 	char *text = malloc(12 * ITEMS + 100), *got = NULL, *end;
 	struct err err = ERR_INIT;
 
 	assert_true(s && text);
-	for (uint32_t i = 0; i < FILES; i++)
+	for (uint32_t i = 0; i < MORE; i++)
 		s[i] = (struct grid_source){.id = 2 * i + 1, .added = 1, .name = "a.laz", .path = ""};
 	end = stpcpy(text, "ask 1 weight=@a*:1");
 	for (unsigned i = 1; i < ITEMS; i++)
 		end = stpcpy(end, ",@*a*:1");
-	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), 0);
+	assert_int_equal(job_sources(text, &m, 1, true, NULL, &got, &err), 0);
 	assert_true(strlen(got) < 6 * FILES && !strchr(got, ','));
 	free(got);
 	got = NULL;
 	strcpy(end, ",@a.laz:1");
-	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), -ERR_LIMIT);
+	assert_int_equal(job_sources(text, &m, 1, true, NULL, &got, &err), -ERR_LIMIT);
 	assert_non_null(strstr(err.message, "1000"));
 	assert_null(got);
 	/* Numbers that are longer than a view. */
 	for (uint32_t i = 0; i < FILES; i++)
 		s[i].id = UINT32_MAX - 2 * i;
 	err = ERR_INIT;
-	assert_int_equal(job_sources("ask 1 weight=@a*:1", &m, 1, true, &got, &err), -ERR_LIMIT);
+	assert_int_equal(job_sources("ask 1 weight=@a*:1", &m, 1, true, NULL, &got, &err), -ERR_LIMIT);
 	assert_non_null(strstr(err.hint, "push files"));
+	assert_null(got);
+	/* Many names of many files take long: more than so many comparisons are refused, and a client may leave. */
+	for (uint32_t i = 0; i < MORE; i++)
+		s[i].id = 1 + i;
+	m.nsources = MORE;
+	*end = '\0';
+	err = ERR_INIT;
+	assert_int_equal(job_sources(text, &m, 1, true, NULL, &got, &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.message, "20001"));
+	err = ERR_INIT;
+	assert_int_equal(job_sources("ask 1 weight=@a*:1", &m, 1, true, &left, &got, &err), -ERR_CANCELLED);
 	assert_null(got);
 	free(text);
 	text = malloc(VIEW_TEXT_MAX + 100);
@@ -193,7 +208,7 @@ static void test_many(void **state)
 	text[VIEW_TEXT_MAX + 99] = 0;
 	memcpy(text, "ask 1 weight=@", 14);
 	err = ERR_INIT;
-	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), -ERR_LIMIT);
+	assert_int_equal(job_sources(text, &m, 1, true, NULL, &got, &err), -ERR_LIMIT);
 	free(text);
 	free(s);
 	(void)state;
@@ -215,7 +230,7 @@ static void test_anything(void **state)
 			strcat(text, part[random_below(&seed, sizeof part / sizeof *part)]);
 		if (!job_names_files(text))
 			continue;
-		r = job_sources(text, &manifest, 1 + random_below(&seed, 2), random_below(&seed, 2), &got, &err);
+		r = job_sources(text, &manifest, 1 + random_below(&seed, 2), random_below(&seed, 2), NULL, &got, &err);
 		assert_true(r == 0 ? got && !err.code : !got && err.code == (unsigned)-r && err.message[0]);
 		free(got);
 	}

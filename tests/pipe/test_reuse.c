@@ -10,7 +10,7 @@
 
 /* ---- consecutive generations ---- */
 
-static uint64_t judged, found;
+static uint64_t judged, found, hiding;
 
 static void compare_generations(struct generation *old, struct generation *new, int store)
 {
@@ -35,6 +35,7 @@ static void compare_generations(struct generation *old, struct generation *new, 
 		found++;
 		make(new, r, &a);
 		check_same(&a, &b);
+		hiding += a.counts.removed[VIEW_BY_WEIGHT] > 0;
 	}
 	free(memory);
 	cut_plan_done(&plan);
@@ -63,6 +64,58 @@ static void test_generations(void **state)
 	}
 	printf("%llu of %llu domains found in the next generation\n", (unsigned long long)found, (unsigned long long)judged);
 	assert_true(found > judged / 10 * 5 && found < judged);
+}
+
+/* Classes and sources with weights. The sources of a slot can have other numbers in the new generation. */
+static void weigh(uint32_t side, bool renumbered)
+{
+	const int32_t radius[] = {(int32_t)(side / 90) + 1, (int32_t)(side / 40) + 1, (int32_t)(side / 200)};
+	struct slots_list list = {NULL, 0, 0};
+	struct err err = ERR_INIT;
+
+	view_done(&view);
+	view = VIEW_INIT;
+	assert_true(view_weight_set(&view, 7, radius[0]));
+	assert_true(slots_list_add(&list, 2, 2, radius[1]) &&
+		    slots_list_add(&list, renumbered ? 77 : 4, renumbered ? 99 : 5, radius[2]));
+	CHECK(view_weight_sources(&view, &list, &err));
+	slots_list_free(&list);
+}
+
+static void test_weights(void **state)
+{
+	const unsigned cases = getenv("ACUT_SLOW") ? 200 : 20;
+
+	(void)state;
+	skip_fsync();
+	judged = found = hiding = 0;
+	for (unsigned c = 1; c < cases; c++) {
+		struct set s;
+		struct generation old, new;
+		struct folder store = folder_new();
+		uint32_t side;
+		bool less;
+
+		rng = 5000 + c;
+		side = 300 + (uint32_t)rnd(100000);
+		less = rnd(2);
+		s = points_of(3000 + rnd(9000), side);
+		weigh(side, rnd(2));
+		old = generation_of(&s, 1 + (unsigned)rnd(3), 0x30 | (less ? 8 : 0));
+		weigh(side, rnd(2));
+		new = generation_of(&s, 1 + (unsigned)rnd(4),
+				    (view.slots->n == 2 && rnd(2) ? 0x20 : 0x30) | (less && rnd(3) ? 8 : 0));
+		compare_generations(&old, &new, store.fd);
+		generation_end(&old);
+		generation_end(&new);
+		folder_remove(&store);
+		set_free(&s);
+	}
+	printf("%llu of %llu domains with weights found in the next generation, in %llu of them positions are hidden\n",
+	       (unsigned long long)found, (unsigned long long)judged, (unsigned long long)hiding);
+	assert_true(found > judged / 2 && found < judged && hiding > found / 2);
+	view_done(&view);
+	view = VIEW_INIT;
 }
 
 /* ---- earlier sites bound a halo ---- */
@@ -526,9 +579,9 @@ static void test_versions(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_generations), cmocka_unit_test(test_before),   cmocka_unit_test(test_refine),
-		cmocka_unit_test(test_refine_much), cmocka_unit_test(test_fronts),   cmocka_unit_test(test_hints),
-		cmocka_unit_test(test_damage),      cmocka_unit_test(test_versions),
+		cmocka_unit_test(test_generations), cmocka_unit_test(test_weights),     cmocka_unit_test(test_before),
+		cmocka_unit_test(test_refine),      cmocka_unit_test(test_refine_much), cmocka_unit_test(test_fronts),
+		cmocka_unit_test(test_hints),       cmocka_unit_test(test_damage),      cmocka_unit_test(test_versions),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -363,6 +363,35 @@ static void assert_text(const struct view *v, const char *want)
 	free(text);
 }
 
+/* Keys of stored domains have the radii of sources, not their numbers. */
+static void test_hash_slots(void **state)
+{
+	static const char *const text[] = {
+		"view 1 weight=2:150,#4-7:30,#9:3000", "view 1 weight=2:150,#1+5:30,#2-3:3000", /* the same slots */
+		"view 1 weight=2:150,#4-7:30,#9:3001", "view 1 weight=2:151,#4-7:30,#9:3000",
+		"view 1 weight=2:150,#4-7:30",         "view 1 weight=2:150",
+	};
+	enum { TEXTS = sizeof text / sizeof *text };
+	struct digest hash[TEXTS], whole[TEXTS];
+
+	for (unsigned i = 0; i < TEXTS; i++) {
+		struct err err = ERR_INIT;
+		struct view v;
+
+		assert_int_equal(view_parse(text[i], &v, &err), 0);
+		hash[i] = view_hash_slots(&v);
+		whole[i] = view_hash(&v);
+		view_done(&v);
+		for (unsigned k = 0; k < i; k++) {
+			assert_int_equal(digest_equal(hash[i], hash[k]), i == 1 && k == 0);
+			assert_false(digest_equal(whole[i], whole[k]));
+		}
+	}
+	/* That of a view without sources is as it always was. */
+	assert_true(digest_equal(hash[TEXTS - 1], whole[TEXTS - 1]));
+	(void)state;
+}
+
 static void test_text(void **state)
 {
 	struct view v = view_with("9,2-3,4"), s = VIEW_INIT, t = VIEW_INIT, g = VIEW_INIT, every = VIEW_INIT;
@@ -469,10 +498,10 @@ static void test_rules(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_matrix), cmocka_unit_test(test_preference), cmocka_unit_test(test_places),
-		cmocka_unit_test(test_every),  cmocka_unit_test(test_thin),       cmocka_unit_test(test_text_round_trip),
-		cmocka_unit_test(test_text),   cmocka_unit_test(test_bad_texts),  cmocka_unit_test(test_contradictions),
-		cmocka_unit_test(test_rules),
+		cmocka_unit_test(test_matrix),         cmocka_unit_test(test_preference), cmocka_unit_test(test_places),
+		cmocka_unit_test(test_every),          cmocka_unit_test(test_thin),       cmocka_unit_test(test_text_round_trip),
+		cmocka_unit_test(test_text),           cmocka_unit_test(test_hash_slots), cmocka_unit_test(test_bad_texts),
+		cmocka_unit_test(test_contradictions), cmocka_unit_test(test_rules),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
