@@ -65,6 +65,8 @@ def stage(base):
     s = show(work)
     check("show", s["state"] == "done" and [(x["phase"], x["tasks"], x["done"]) for x in s["phases"]] ==
           [("head", 1, 1), ("stage", 3, 3), ("commit", 1, 1)] and s["core_hours"] > 0, str(s))
+    with open(work + "/acut-work") as f:
+        check("one name of the run", "id %s\n" % s["id"] in f.read(), s["id"])
     check("the inputs are as they were", before == {n: os.stat(os.path.join(survey, n)).st_mtime_ns for n in os.listdir(survey)})
     run(CLUSTER, "wait", work)
     run(TASK, work, "stage", "2")

@@ -1,4 +1,6 @@
 """Tasks as processes of this machine, and as a script: order of phases, how many at once, what fails, what is left."""
+import contextlib
+import fcntl
 import os
 import signal
 import subprocess
@@ -114,6 +116,25 @@ def stop(base):
         check("its status", status == (3 if how != signal.SIGKILL else -9), str(status))
 
 
+@contextlib.contextmanager
+def locked(folder):
+    """As by a driver that has started nothing yet."""
+    fd = os.open(folder, os.O_RDONLY)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        os.close(fd)
+
+
+def at_once(base):
+    w = Work(base, "sleep 0.05")
+    both = [subprocess.Popen(w.argv("wait", "a=6", "b=3"), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) for _ in range(4)]
+    outs = [p.communicate(timeout=60)[0] for p in both]
+    check("four drivers at once", all(p.returncode == 0 for p in both) and all("b 3 0 0 0" in o for o in outs), str(outs))
+    check("start each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), str(outs))
+
+
 def two(base):
     """A second driver watches while the first one lives, goes on when that is killed, and cancel ends it."""
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done; sleep 0.05')
@@ -126,6 +147,13 @@ def two(base):
     out = q.communicate(timeout=60)[0]
     check("both see the end", p.wait(20) == 0 and q.returncode == 0 and "a 6 0 0 0" in out and "b 3 0 0 0" in out, out)
     check("each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), out)
+    w = Work(base, "true")
+    with locked(w.path + "/log"):
+        p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        note = p.stdout.readline()
+        check("who begins at the same instant waits", "another process starts the tasks" in note and not w.done(), note)
+    out = p.communicate(timeout=60)[0]
+    check("and goes on", p.returncode == 0 and "b 3 0 0 0" in out and "again" not in out, out)
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done')
     p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
@@ -160,5 +188,6 @@ with tempfile.TemporaryDirectory() as base:
     failures(base)
     stop(base)
     two(base)
+    at_once(base)
     script(base)
 raise SystemExit(1 if failed else 0)
