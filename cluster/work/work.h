@@ -44,6 +44,8 @@ int work_make(const char *folder, const struct work_about *, const struct work_i
 	      struct err *err);
 /* -ERR_NOTFOUND: it is no work folder, or none at all. */
 int work_open(const char *folder, struct work **ret, struct err *err);
+/* The same of a task: what another node has made just now may not be seen yet, and is waited for. */
+int work_open_task(const char *folder, struct work **ret, struct err *err);
 struct work *work_close(struct work *);                   /* NULL is fine; returns NULL */
 const char *work_folder(const struct work *);             /* as it was given */
 int work_fd(const struct work *);                         /* the folder, while it is open */

@@ -127,12 +127,26 @@ static void who_is_overtaken_has_not_failed(void **state)
 	}
 }
 
+/* Not after the two minutes that a task waits for what another node has made. */
+static void a_task_is_told_at_once_that_a_folder_is_none(void **state)
+{
+	struct work *other = NULL;
+	struct err err = ERR_INIT;
+
+	(void)state;
+	assert_int_equal(work_open_task(top, &other, &err), -ERR_NOTFOUND);
+	err_clear(&err);
+	assert_int_equal(work_open_task(folder, &other, &err), 0);
+	work_close(other);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(a_task_is_done_once, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_failure_is_recorded_and_leaves_no_file, setup, teardown),
 		cmocka_unit_test_setup_teardown(who_is_overtaken_has_not_failed, setup, teardown),
+		cmocka_unit_test_setup_teardown(a_task_is_told_at_once_that_a_folder_is_none, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
