@@ -172,11 +172,11 @@ def a_full_disk():
 
 def stale_handles():
     """The server restarts while tasks run, and for a time it does not know the handles that the clients have (ESTALE)."""
-    survey, failed = Survey("--sort"), []
+    survey, failed = Survey("--sort", folder="/disk"), []
     for n, (phase, i) in enumerate(survey.tasks):
         p = survey.start(phase, i, n)
         time.sleep(0.15)
-        run(["exportfs", "-ua"]).ok()
+        run(["exportfs", "-u", "127.0.0.1:" + DISK]).ok()
         nfsd("0")
         nfsd("4")
         time.sleep(1.5)

@@ -160,7 +160,7 @@ def many_segments(base):
     p = run(CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "400", "--json", "--no-config")
     segments = int(json.loads(p.stdout)["result"]["segments"])
     check("many segments", segments > 300, str(segments))
-    with e2e.Daemon(base, memory="64M", prefix=["prlimit", "--nofile=400"]) as d:
+    with e2e.Daemon(base, memory="64M", prefix=["prlimit", "--nofile=280"]) as d:
         d.ctl("dataset", "import", work + "/dataset", "valley").ok()
         same("many segments", d.ctl("submit", "valley", "--wait", "--json").ok().json(), wanted)
     run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work + "2", "--on", "local", "--task-points", "400", "--no-config",
