@@ -178,7 +178,7 @@ static int open_work(struct cluster_run *r, const char *folder, enum cluster_ope
 	if (e)
 		return e;
 	about = work_about(r->work);
-	snprintf(r->id, sizeof r->id, "%08llx", (unsigned long long)(about->id & 0xffffffff));
+	snprintf(r->id, sizeof r->id, "%016llx", (unsigned long long)about->id);
 	return cluster_words_parse(about->word, about->nword, &r->own, err);
 }
 

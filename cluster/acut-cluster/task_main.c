@@ -51,7 +51,7 @@ int main(int argc, char **argv)
 		return puts("acut-task " ACUT_VERSION) < 0 ? 74 : console_end(&p.session.console, 0);
 	r = read_words(argc, argv, &phase, &index, &err);
 	if (!r)
-		r = work_open(argv[1], &w, &err);
+		r = work_open_task(argv[1], &w, &err);
 	if (!r)
 		r = task_run(&p, w, phase, index, &err);
 	work_close(w);

@@ -1,6 +1,9 @@
 /*
  * Processes of this machine: at most `most` at once. A task begins when all of the phase before are done. The tasks end with this
  * process, however that ends.
+ *
+ * Who starts tasks holds a lock of the folder log, and its process is named in logs: others watch while it lives. A file system
+ * may have no locks of folders (NFS). Two that begin at the same instant run every task twice then, which does no harm.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -9,6 +12,7 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/pidfd.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
@@ -33,7 +37,8 @@ struct local {
 	unsigned n, most;
 	unsigned at[DISPATCH_PHASES]; /* no task before this one waits */
 	pid_t other;                  /* another process that drives the run: this one only watches; 0: none */
-	uint64_t looked_ns;           /* when it was looked for; 0: never */
+	uint64_t looked_ns;           /* when it was looked for; 0: never, or it has to be looked for again */
+	int lock;                     /* the folder log, locked; -1: not, or not yet */
 };
 
 /* One a processor, and as many as fit into three quarters of the memory. */
@@ -56,6 +61,7 @@ static int begin(struct dispatch *d, struct err *err)
 	if (!l)
 		return err_set(err, ERR_NOMEM, "no memory for a scheduler");
 	d->own = l;
+	l->lock = -1;
 	l->most = d->o.most ? d->o.most : preset_most(d);
 	l->most = l->most < MOST ? l->most : MOST;
 	l->child = calloc(l->most, sizeof *l->child);
@@ -293,11 +299,34 @@ static int look(struct dispatch *d, struct err *err)
 	return 0;
 }
 
+/* -ERR_BUSY: another process has begun to start tasks; soon a log says so. */
+static int take_lock(struct dispatch *d, struct err *err)
+{
+	struct local *l = d->own;
+	char path[4200];
+	int fd;
+
+	if (l->lock >= 0)
+		return 0;
+	snprintf(path, sizeof path, "%s/log", d->o.work);
+	fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	if (fd >= 0 && flock(fd, LOCK_EX | LOCK_NB) && errno == EWOULDBLOCK) {
+		close(fd);
+		l->looked_ns = 0;
+		return err_set(err, ERR_BUSY, "another process starts the tasks of this run");
+	}
+	l->lock = fd;
+	return 0;
+}
+
 static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
 		  struct err *err)
 {
 	struct local *l = d->own;
+	int r = take_lock(d, err);
 
+	if (r)
+		return r;
 	for (uint32_t i = 0; i < n; i++)
 		d->task[phase][index[i]].state = DISPATCH_WAITING;
 	if (n && index[0] < l->at[phase])
@@ -365,6 +394,8 @@ static void end(struct dispatch *d)
 	if (!l)
 		return;
 	end_all(d);
+	if (l->lock >= 0)
+		close(l->lock);
 	free(l->child);
 	free(l);
 }

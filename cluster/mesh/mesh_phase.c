@@ -22,25 +22,27 @@ static const char MANIFEST[] = "manifest";
 
 /* ---- attempts ---- */
 
-int phase_run(struct work *w, enum work_phase phase, uint32_t task, const struct mesh_phase_params *p,
-	      int (*work)(struct phase *, uint32_t task, struct err *err), struct err *err)
+static int make(void *ctx, struct work_attempt *a, uint32_t task, struct err *err)
 {
-	struct phase s = {.work = w, .p = p, .view = VIEW_INIT};
-	int r = work_begin(w, phase, task, &s.attempt, err);
+	struct phase *s = ctx;
+	int r;
 
-	if (r)
-		return r == WORK_E_DONE ? 0 : r;
-	s.ledger = ledger_new(p->memory);
-	r = s.ledger ? work(&s, task, err) : err_set(err, ERR_NOMEM, "no memory for a task");
-	s.grid = grid_close(s.grid);
-	view_done(&s.view);
-	ledger_free(s.ledger);
-	if (!r)
-		r = work_publish(s.attempt, err);
-	if (r < 0 && r != -ERR_CANCELLED)
-		work_fail(s.attempt, err);
-	work_end(s.attempt);
-	return r == WORK_E_LOST ? 0 : r;
+	s->attempt = a;
+	s->ledger = ledger_new(s->p->memory);
+	r = s->ledger ? s->run(s, task, err) : err_set(err, ERR_NOMEM, "no memory for a task");
+	grid_close(s->grid);
+	view_done(&s->view);
+	ledger_free(s->ledger);
+	return r;
+}
+
+int phase_run(struct work *w, enum work_phase phase, uint32_t task, const struct mesh_phase_params *p, phase_fn run,
+	      struct err *err)
+{
+	struct phase s = {.work = w, .p = p, .run = run, .view = VIEW_INIT};
+	int r = work_run(w, phase, task, make, &s, err);
+
+	return r > 0 ? 0 : r;
 }
 
 int phase_progress(const struct phase *s, struct err *err)

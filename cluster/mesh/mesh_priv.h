@@ -10,7 +10,10 @@
 #include "view.h"
 
 /* A phase that runs. */
+struct phase;
+typedef int (*phase_fn)(struct phase *, uint32_t task, struct err *err);
 struct phase {
+	phase_fn run;
 	struct work *work;
 	const struct mesh_phase_params *p;
 	struct work_attempt *attempt;
@@ -19,9 +22,8 @@ struct phase {
 	struct view view;
 };
 
-/* Runs `work` as an attempt at a task, and publishes what it did; its error is recorded. */
-int phase_run(struct work *, enum work_phase, uint32_t task, const struct mesh_phase_params *,
-	      int (*work)(struct phase *, uint32_t task, struct err *err), struct err *err);
+/* Runs a task (work_run). 0: it has its record. */
+int phase_run(struct work *, enum work_phase, uint32_t task, const struct mesh_phase_params *, phase_fn, struct err *err);
 /* Non-zero, with the error: the phase was cancelled. */
 int phase_progress(const struct phase *, struct err *err);
 /* The dataset of the run. Its files are waited for. */

@@ -19,23 +19,25 @@
 
 /* ---- attempts ---- */
 
-int survey_run(struct work *w, enum work_phase phase, uint32_t task, const struct survey_params *p,
-	       int (*work)(struct survey *, uint32_t task, struct err *err), struct err *err)
+static int make(void *ctx, struct work_attempt *a, uint32_t task, struct err *err)
 {
-	struct survey s = {.work = w, .p = p, .phase = phase};
-	int r = work_begin(w, phase, task, &s.attempt, err);
+	struct survey *s = ctx;
+	int r;
 
-	if (r)
-		return r == WORK_E_DONE ? 0 : r;
-	r = work(&s, task, err);
-	if (!r)
-		r = work_publish(s.attempt, err);
-	if (r < 0 && r != -ERR_CANCELLED)
-		work_fail(s.attempt, err);
-	work_end(s.attempt);
-	agree_done(&s.agree);
-	grid_manifest_free(s.head);
-	return r == WORK_E_LOST ? 0 : r;
+	s->attempt = a;
+	r = s->run(s, task, err);
+	agree_done(&s->agree);
+	grid_manifest_free(s->head);
+	return r;
+}
+
+int survey_run(struct work *w, enum work_phase phase, uint32_t task, const struct survey_params *p, survey_fn run,
+	       struct err *err)
+{
+	struct survey s = {.work = w, .p = p, .phase = phase, .run = run};
+	int r = work_run(w, phase, task, make, &s, err);
+
+	return r > 0 ? 0 : r;
 }
 
 int survey_progress(struct survey *s, uint64_t done, uint64_t all, struct err *err)

@@ -16,10 +16,13 @@ enum { SURVEY_PROCESS_BYTES = 8 << 20 };
 enum { SURVEY_SOURCE_BYTES = sizeof(struct grid_source) + 512 };
 
 /* A phase that runs. */
+struct survey;
+typedef int (*survey_fn)(struct survey *, uint32_t task, struct err *err);
 struct survey {
 	struct work *work;
 	const struct survey_params *p;
 	enum work_phase phase;
+	survey_fn run;
 	struct work_attempt *attempt;
 	struct agree agree;
 	struct grid_manifest *head; /* of the head's record, if it was read */
@@ -27,9 +30,8 @@ struct survey {
 	atomic_bool impatient;      /* an input was waited for in vain: others are not */
 };
 
-/* Runs `work` as an attempt at a task, and publishes what it did; its error is recorded. */
-int survey_run(struct work *, enum work_phase, uint32_t task, const struct survey_params *,
-	       int (*work)(struct survey *, uint32_t task, struct err *err), struct err *err);
+/* Runs a task (work_run). 0: it has its record. */
+int survey_run(struct work *, enum work_phase, uint32_t task, const struct survey_params *, survey_fn, struct err *err);
 /* Non-zero, with the error: the phase was cancelled. */
 int survey_progress(struct survey *, uint64_t done, uint64_t all, struct err *err);
 /* -ERR_LIMIT: a task has less memory. */

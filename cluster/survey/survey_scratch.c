@@ -78,7 +78,7 @@ int survey_scratch_make(const struct survey *s, uint32_t task, char ret[SURVEY_S
 	int r = 0, fd = -1;
 
 	sweep(s->p->scratch);
-	if (snprintf(ret, SURVEY_SCRATCH_NAME, "%s/acut-%" PRIx64 "-stage-%" PRIu32 "-%016" PRIx64, s->p->scratch,
+	if (snprintf(ret, SURVEY_SCRATCH_NAME, "%s/acut-%016" PRIx64 "-stage-%" PRIu32 "-%016" PRIx64, s->p->scratch,
 		     work_about(s->work)->id, task, work_attempt_number(s->attempt)) >= SURVEY_SCRATCH_NAME) {
 		*ret = 0;
 		return err_set(err, ERR_USAGE, "the name of the folder for temporary files is too long");

@@ -354,12 +354,17 @@ static bool parse_about(struct work_in *in, struct work_about *a, const char **w
 	return a->id && a->memory;
 }
 
-static int read_about(struct work *w, struct err *err)
+static int read_about(struct work *w, bool wait, struct err *err)
 {
 	struct work_in in;
 	const char **word;
+	struct stat st;
 	size_t room;
-	int r = work_in_read(w, WORK_ABOUT, WORK_ABOUT, false, &in, err);
+	int r;
+
+	/* Its folders are older: where they are not there, nothing will come. */
+	wait = wait && io->fstatat(w->fd, work_folders[0], &st, AT_SYMLINK_NOFOLLOW) == 0;
+	r = work_in_read(w, WORK_ABOUT, WORK_ABOUT, wait, &in, err);
 
 	if (r == WORK_E_ABSENT) {
 		err_set(err, ERR_NOTFOUND, "it is no work folder: it has no file " WORK_ABOUT);
@@ -379,7 +384,7 @@ static int read_about(struct work *w, struct err *err)
 	return err_add_file(err, WORK_ABOUT);
 }
 
-int work_open(const char *folder, struct work **ret, struct err *err)
+static int open_work(const char *folder, bool wait, struct work **ret, struct err *err)
 {
 	struct work *w = work_new(folder);
 	int r;
@@ -388,12 +393,22 @@ int work_open(const char *folder, struct work **ret, struct err *err)
 		return err_set(err, ERR_NOMEM, "no memory for a work folder");
 	r = open_folder(w, err);
 	if (!r)
-		r = read_about(w, err);
+		r = read_about(w, wait, err);
 	if (r)
 		work_close(w);
 	else
 		*ret = w;
 	return r;
+}
+
+int work_open(const char *folder, struct work **ret, struct err *err)
+{
+	return open_work(folder, false, ret, err);
+}
+
+int work_open_task(const char *folder, struct work **ret, struct err *err)
+{
+	return open_work(folder, true, ret, err);
 }
 
 int work_inputs(const struct work *w, struct work_input **ret, size_t *ret_n, struct err *err)

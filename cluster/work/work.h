@@ -44,6 +44,8 @@ int work_make(const char *folder, const struct work_about *, const struct work_i
 	      struct err *err);
 /* -ERR_NOTFOUND: it is no work folder, or none at all. */
 int work_open(const char *folder, struct work **ret, struct err *err);
+/* The same of a task: what another node has made just now may not be seen yet, and is waited for. */
+int work_open_task(const char *folder, struct work **ret, struct err *err);
 struct work *work_close(struct work *);                   /* NULL is fine; returns NULL */
 const char *work_folder(const struct work *);             /* as it was given */
 int work_fd(const struct work *);                         /* the folder, while it is open */
@@ -85,6 +87,11 @@ enum { WORK_E_LOST = 2 };
 int work_publish(struct work_attempt *, struct err *err);
 /* Records why an attempt failed, for people; errors of that are ignored. `why` stays the caller's. */
 void work_fail(struct work_attempt *, const struct err *why);
+/* A task from beginning to end: begins an attempt, calls `make`, publishes, and records a failure (-ERR_CANCELLED is none). 0:
+ * the record is this attempt's. WORK_E_DONE, WORK_E_LOST: it is another's, and `make` was not called, or was in vain; then its
+ * error does not matter, either. */
+typedef int (*work_make_fn)(void *ctx, struct work_attempt *, uint32_t task, struct err *err);
+int work_run(struct work *, enum work_phase, uint32_t task, work_make_fn make, void *ctx, struct err *err);
 
 /* ---- records ---- */
 

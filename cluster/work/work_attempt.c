@@ -291,3 +291,26 @@ void work_fail(struct work_attempt *a, const struct err *why)
 		io->unlinkat(a->work->fd, temp, 0);
 	work_out_done(&o);
 }
+
+/* ---- a task ---- */
+
+int work_run(struct work *w, enum work_phase phase, uint32_t task, work_make_fn make, void *ctx, struct err *err)
+{
+	struct work_attempt *a;
+	struct err ignored = ERR_INIT;
+	int r = work_begin(w, phase, task, &a, err);
+
+	if (r)
+		return r;
+	r = make(ctx, a, task, err);
+	if (!r)
+		r = work_publish(a, err);
+	if (r < 0 && whose(a, false, &ignored) == WORK_E_LOST) {
+		err_clear(err);
+		r = WORK_E_LOST;
+	}
+	if (r < 0 && r != -ERR_CANCELLED)
+		work_fail(a, err);
+	work_end(a);
+	return r;
+}

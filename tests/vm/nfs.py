@@ -18,6 +18,8 @@ from e2e import ACUTCTL, SYNTH, expect, main, run
 EXPORT, NODES, INPUTS = "/srv/export", ("/mnt/a", "/mnt/b"), "/srv/in"
 SMALL = ["--task-points", "6000", "--task-memory", "64M"]
 FILES = 6
+# A small disk of the server, below the folder that is exported.
+DISK, DISK_BYTES = EXPORT + "/disk", 32 << 20
 
 
 def serve():
@@ -31,11 +33,18 @@ def serve():
     for name in ("nfsv4leasetime", "nfsv4gracetime"):
         with open("/proc/fs/nfsd/" + name, "w") as f:
             f.write("10")
-    run(["exportfs", "-o", "rw,no_root_squash,fsid=0,no_subtree_check,sync", "127.0.0.1:" + EXPORT]).ok()
+    os.makedirs(DISK, exist_ok=True)
+    run(["mount", "-t", "tmpfs", "-o", "size=%d" % DISK_BYTES, "tmpfs", DISK]).ok()
+    export()
     run(["rpc.mountd", "-N", "2", "-N", "3", "--no-udp"]).ok()
     nfsd("4")
     for node in NODES:
         run(["mount", "-t", "nfs4", "-o", "vers=4.2,nosharecache", "127.0.0.1:/", node]).ok()
+
+
+def export():
+    for folder, options in ((EXPORT, "fsid=0,crossmnt"), (DISK, "fsid=1")):
+        run(["exportfs", "-o", "rw,no_root_squash,no_subtree_check,sync," + options, "127.0.0.1:" + folder]).ok()
 
 
 def nfsd(threads):
@@ -75,10 +84,10 @@ class Survey(Tasks):
     """A run whose tasks nobody has begun; node 0 and 1 are the two mounts."""
     number = 0
 
-    def __init__(self, *options):
+    def __init__(self, *options, folder=""):
         Survey.number += 1
-        name = "/work%d" % Survey.number
-        self.out = "%s/out%d.ply" % (NODES[0], Survey.number)
+        name = "%s/work%d" % (folder, Survey.number)
+        self.out = "%s%s/out%d.ply" % (NODES[0], folder, Survey.number)
         super().__init__([*inputs(), "-o", self.out, "--canonical", *SMALL, *options], [node + name for node in NODES],
                          "/srv/script%d" % Survey.number)
 
@@ -88,7 +97,7 @@ class Survey(Tasks):
             expect(hashlib.sha256(a.read()).digest() == hashlib.sha256(b.read()).digest(), "the outputs differ")
         expect(not self.unnamed(), "no record names these files: %s" % self.unnamed())
         self.clean()
-        expect(not os.path.exists(EXPORT + "/" + os.path.basename(self.work[0])), "clean has left something")
+        expect(not os.path.exists(self.work[0].replace(NODES[0], EXPORT)), "clean has left something")
 
 
 # ---- cases ----
@@ -143,6 +152,45 @@ def the_server_restarts():
     survey.check()
 
 
-CASES = [two_nodes, every_task_twice, killed, the_server_restarts]
+def a_full_disk():
+    """The server's disk is full while a task of each phase runs; with space again, the other client goes on with what there is."""
+    survey, refused = Survey(folder="/disk"), []
+    for n, (phase, i) in enumerate(survey.tasks):
+        free = os.statvfs(DISK)
+        with open(DISK + "/other", "wb") as f:
+            f.write(b"x" * max(0, free.f_bavail * free.f_frsize - 16384))
+        status, text = survey.end(survey.start(phase, i, n))
+        expect(status in (0, 74) and (not status or "space" in text), "%s %d: %d %s" % (phase, i, status, text))
+        if status:
+            refused.append(phase)
+        os.unlink(DISK + "/other")
+        survey.task(phase, i, n + 1)
+    print("figure phases that a full disk refused: %s" % sorted(set(refused)))
+    expect({"stage", "mesh", "gather"} <= set(refused), "the full disk was not felt: %s" % refused)
+    survey.check()
+
+
+def stale_handles():
+    """The server restarts while tasks run, and for a time it does not know the handles that the clients have (ESTALE)."""
+    survey, failed = Survey("--sort", folder="/disk"), []
+    for n, (phase, i) in enumerate(survey.tasks):
+        p = survey.start(phase, i, n)
+        time.sleep(0.15)
+        run(["exportfs", "-u", "127.0.0.1:" + DISK]).ok()
+        nfsd("0")
+        nfsd("4")
+        time.sleep(1.5)
+        export()
+        status, text = survey.end(p)
+        expect(status in (0, 74), "%s %d: %d %s" % (phase, i, status, text))
+        if status:
+            failed.append("%s: %s" % (phase, text.splitlines()[0]))
+            survey.task(phase, i, n)
+    print("figure tasks that failed with stale handles: %d %s" % (len(failed), failed[:3]))
+    expect(survey.digests() == wanted(), "another mesh: %s" % (survey.digests(),))
+    survey.clean()
+
+
+CASES = [two_nodes, every_task_twice, killed, the_server_restarts, a_full_disk, stale_handles]
 serve()
 main(*[c for c in CASES if not sys.argv[1:] or c.__name__ in sys.argv[1:]])

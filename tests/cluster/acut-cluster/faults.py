@@ -2,14 +2,16 @@
 the disk is full. The run ends with the mesh of a daemon, or it refuses with a reason and goes on afterwards; no input changes,
 nothing that a record does not name is left but of tasks that were killed, and nothing at all after clean.
 
-ACUT_CLUSTER_FAULTS: how many calls fail (120); ACUT_CLUSTER_KILLS: how many tasks are killed (40); ACUT_FAULT_SEED.
+Names as arguments run these cases only. ACUT_CLUSTER_FAULTS: how many calls fail (120); ACUT_CLUSTER_KILLS: how many tasks are killed (40); ACUT_FAULT_SEED.
 """
+import errno
 import hashlib
 import os
 import random
 import shutil
 import signal
 import subprocess
+import sys
 import time
 
 from cluster_tasks import Tasks
@@ -21,6 +23,7 @@ CALLS = (("pwrite64", "ENOSPC"), ("pwrite64", "EIO"), ("pwrite64", "EDQUOT"), ("
 STATUS = {1, 2, 4, 74, 75, 76, 77}
 SEED = int(os.environ.get("ACUT_FAULT_SEED", "1"))
 FILES = 5
+LATE = os.environ.get("ACUT_LATE_LIBRARY")
 
 
 def number(name, preset):
@@ -51,7 +54,8 @@ class Surveys:
         self.n += 1
         self.out = "%s/out%d.ply" % (self.base, self.n)
         return Tasks([*self.files, "-o", self.out, "--canonical", "--task-points", points, "--task-memory", "64M", *options],
-                     "%s/work%d" % (folder or self.base, self.n), "%s/script%d" % (self.base, self.n), {"ACUT_CLUSTER_PATIENCE": patience})
+                     "%s/work%d" % (folder or self.base, self.n), "%s/script%d" % (self.base, self.n),
+                     {"ACUT_CLUSTER_PATIENCE": patience} if patience else {})
 
     def check(self, tasks, unnamed=False):
         expect(tasks.digests() == self.want, "another mesh: %s, not %s" % (tasks.digests(), self.want))
@@ -115,7 +119,7 @@ def killed_tasks():
 def several_at_once():
     with Folder() as base:
         surveys = Surveys(base)
-        for options, points in (((), "8000"), (("--sort",), "8000"), ((), "3000")):
+        for options, points in ((("--sort",), "8000"), ((), "3000")):
             tasks = surveys.begin(*options, points=points)
             for phase, i in tasks.tasks:
                 for p in [tasks.start(phase, i) for _ in range(4)]:
@@ -146,6 +150,60 @@ def files_come_late():
         surveys.check(tasks)
 
 
+KINDS = {"inputs": "/in/", "records": "/done/", "segments": ".seg", "packs": "/mesh/pack-", "heads": "/head-", "plans": "/plan-",
+         "lists": "/gather-", "manifests": "/dataset/manifest"}
+
+
+def felt(path):
+    """The kinds of files of which calls have failed."""
+    if not os.path.exists(path):
+        return set()
+    with open(path) as f:
+        paths = f.read().split()
+    os.unlink(path)
+    return {kind for kind, text in KINDS.items() if any(text in p for p in paths)}
+
+
+def files_fail(surveys, call, errors, text, count=0, seconds=0.0, patience=None):
+    """A run of which each task feels that first, the tasks of a phase at once; those that fail run again without. Returns which kinds of
+    files were felt, and what was said: {(phase, message)}."""
+    tasks, said, log = surveys.begin("--sort", patience=patience), set(), surveys.base + "/felt"
+    usual = tasks.env
+    for phase in dict.fromkeys(phase for phase, _ in tasks.tasks):
+        begun = []
+        for i in (i for p, i in tasks.tasks if p == phase):
+            tasks.env = {**usual, "LD_PRELOAD": LATE, "ACUT_LATE_FELT": log,
+                         "ACUT_LATE": "%s %d %d %g %s" % (call, errors[i % len(errors)], count, seconds, text)}
+            begun.append((i, tasks.start(phase, i)))
+        tasks.env = usual
+        for i, p in begun:
+            status, out = tasks.end(p)
+            if status:
+                expect(status in STATUS and "acut-task: " in out, "%s %d: %d %s" % (phase, i, status, out))
+                said.add((phase, out))
+                tasks.task(phase, i)
+    surveys.check(tasks)
+    return felt(log), said
+
+
+def late_or_stale():
+    """A file that cannot be opened at first is waited for, with the preset patience. One that is stale while it is read, or is away for
+    longer than the patience, fails the task, which names it. ACUT_CLUSTER_LATE: for how many seconds (0: once)."""
+    with Folder() as base:
+        surveys, seconds = Surveys(base), float(os.environ.get("ACUT_CLUSTER_LATE", "0"))
+        for errors in ((errno.ESTALE, errno.ENOENT), (errno.ENOENT, errno.ESTALE)) if seconds else ((errno.ESTALE, errno.ENOENT), ):
+            kinds, said = files_fail(surveys, "open", errors, "/in/|/work", 1, seconds)
+            expect(not said, "opening fails for a time: %s" % said)
+            expect(kinds == set(KINDS), "only these files were late: %s" % kinds)
+        for kind, text in KINDS.items() if seconds else (("segments", ".seg"), ("packs", "/mesh/pack-")):
+            kinds, said = files_fail(surveys, "read", (errno.ESTALE, ), text, 1)
+            expect(kind in kinds, "%s are not read" % kind)
+            expect(all(text.strip("/-") in out for _, out in said), "%s: %s" % (kind, said))
+            print("     %s that are stale while they are read: %s" % (kind, sorted({phase for phase, _ in said})))
+        kinds, said = files_fail(surveys, "open", (errno.ESTALE, ), "/mesh/pack-", 1 << 29, patience=None if seconds else "0.2")
+        expect({phase for phase, _ in said} >= {"gather"} and all("pack-" in out for _, out in said), "packs: %s" % said)
+
+
 def full_disk():
     """The work folder is on a small file system, which is full in each phase once; what is there is not lost."""
     with Folder() as base:
@@ -171,5 +229,6 @@ def full_disk():
             run(["umount", small])
 
 
+CASES = [several_at_once, files_come_late, late_or_stale, killed_tasks, failing_calls, full_disk]
 if __name__ == "__main__":
-    main(several_at_once, files_come_late, killed_tasks, failing_calls, full_disk)
+    main(*[c for c in CASES if not sys.argv[1:] or c.__name__ in sys.argv[1:]])

@@ -1,53 +1,24 @@
 """Tasks as processes of this machine, and as a script: order of phases, how many at once, what fails, what is left."""
+import contextlib
+import fcntl
 import os
 import signal
 import subprocess
 import tempfile
 import time
 
-RUN = os.environ["DISPATCH_RUN"]
-failed = 0
+from dispatch_tasks import Tasks, check, end
 
 
-def check(what, cond, detail=""):
-    global failed
-    if not cond:
-        failed += 1
-        print("FAIL", what, detail)
-
-
-class Work:
-    """A work folder whose tasks run a line of shell with $w, $p and $i, then are done."""
-
+class Work(Tasks):
     def __init__(self, base, body):
-        self.path = tempfile.mkdtemp(dir=base)
-        for d in ("log", "done"):
-            os.mkdir(os.path.join(self.path, d))
-        self.task = os.path.join(self.path, "it's a task")
-        with open(self.task, "w") as f:
-            f.write('#!/bin/bash\nw=$1 p=$2 i=$3\n%s\n: >"$w/done/$p-$i"\n' % body)
-        os.chmod(self.task, 0o755)
-
-    def argv(self, command, *phases, scheduler="local"):
-        return [RUN, scheduler, self.path, "77", self.task, "0.2", command, *phases]
-
-    def run(self, command, *phases, **kw):
-        env = {**os.environ, "DISPATCH_MOST": str(kw.pop("most", 2))}
-        p = subprocess.run(self.argv(command, *phases, **kw), env=env, capture_output=True, text=True, timeout=60)
-        return p.returncode, p.stdout + p.stderr
-
-    def done(self):
-        return sorted(os.listdir(os.path.join(self.path, "done")))
-
-    def log(self, name):
-        with open(os.path.join(self.path, "log", name)) as f:
-            return f.read()
+        super().__init__(tempfile.mkdtemp(dir=base), "local", "77", body, "0.2", {"DISPATCH_MOST": "2"})
 
 
 def order(base):
     w = Work(base, 'case $p in b) [ "$(ls "$w"/done/a-* | wc -l)" = 5 ] || exit 9;; esac\n'
                    'n=$(mktemp -p "$w" now-XXXXXX); ls "$w"/now-* | wc -l >>"$w/at"; sleep 0.2; rm "$n"')
-    status, out = w.run("wait", "a=5", "none=0", "b=3", most=3)
+    status, out = w.run("wait", "a=5", "none=0", "b=3", DISPATCH_MOST="3")
     check("all are done", status == 0 and len(w.done()) == 8 and "a 5 0 0 0" in out and "b 3 0 0 0" in out, out)
     with open(w.path + "/at") as f:
         most = max(int(n) for n in f)
@@ -77,7 +48,7 @@ def failures(base):
     status, out = w.run("wait", "a=1")
     check("no program", status == 1 and "No such file" in out, out)
     w = Work(base, 'exit 0')
-    status, out = w.run("wait", "a=1", most=1)
+    status, out = w.run("wait", "a=1", DISPATCH_MOST="1")
     check("status 0 without a record is no end", status == 1 and "no record" in out, out)
 
 
@@ -99,7 +70,7 @@ def wait_for(cond):
 def stop(base):
     for how in (signal.SIGTERM, signal.SIGINT, signal.SIGKILL):
         w = Work(base, 'echo $$ >"$w/pid-$i"; exec sleep 50')
-        p = subprocess.Popen(w.argv("wait", "a=2"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        p = w.start("wait", "a=2")
         end = time.time() + 20
         while not all(os.path.exists(w.path + "/pid-%d" % i) and os.path.getsize(w.path + "/pid-%d" % i) for i in (0, 1)):
             check("tasks begin", time.time() < end)
@@ -114,31 +85,57 @@ def stop(base):
         check("its status", status == (3 if how != signal.SIGKILL else -9), str(status))
 
 
+@contextlib.contextmanager
+def locked(folder):
+    """As by a driver that has started nothing yet."""
+    fd = os.open(folder, os.O_RDONLY)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        os.close(fd)
+
+
+def at_once(base):
+    w = Work(base, "sleep 0.05")
+    both = [w.start("wait", "a=6", "b=3") for _ in range(4)]
+    outs = [p.communicate(timeout=60)[0] for p in both]
+    check("four drivers at once", all(p.returncode == 0 for p in both) and all("b 3 0 0 0" in o for o in outs), str(outs))
+    check("start each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), str(outs))
+
+
 def two(base):
     """A second driver watches while the first one lives, goes on when that is killed, and cancel ends it."""
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done; sleep 0.05')
     phases = ["a=6", "b=3"]
-    p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    p = w.start("wait", *phases)
     wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
-    q = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    q = w.start("wait", *phases)
     time.sleep(0.5)
     open(w.path + "/go", "w").close()
     out = q.communicate(timeout=60)[0]
     check("both see the end", p.wait(20) == 0 and q.returncode == 0 and "a 6 0 0 0" in out and "b 3 0 0 0" in out, out)
     check("each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), out)
+    w = Work(base, "true")
+    with locked(w.path + "/log"):
+        p = w.start("wait", *phases)
+        note = p.stdout.readline()
+        check("who begins at the same instant waits", "another process starts the tasks" in note and not w.done(), note)
+    out = p.communicate(timeout=60)[0]
+    check("and goes on", p.returncode == 0 and "b 3 0 0 0" in out and "again" not in out, out)
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done')
-    p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    p = w.start("wait", *phases)
     wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
-    q = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    q = w.start("wait", *phases)
     time.sleep(0.5)
     p.kill()
     open(w.path + "/go", "w").close()
     out = q.communicate(timeout=60)[0]
     check("it goes on", p.wait(20) == -9 and q.returncode == 0 and len(w.done()) == 9, out)
     w = Work(base, 'exec sleep 50')
-    p = subprocess.Popen(w.argv("wait", *phases), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    p = w.start("wait", *phases)
     wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
-    q = subprocess.Popen(w.argv("cancel", *phases), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    q = w.start("cancel", *phases)
     check("cancel ends the driver", p.wait(20) == 3 and q.wait(20) == 0)
 
 
@@ -160,5 +157,6 @@ with tempfile.TemporaryDirectory() as base:
     failures(base)
     stop(base)
     two(base)
+    at_once(base)
     script(base)
-raise SystemExit(1 if failed else 0)
+end()

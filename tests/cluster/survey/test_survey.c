@@ -1,16 +1,10 @@
 /*
- * The phases from inputs to a dataset: the same content however many tasks there are and however often each is run, changed and
- * unusable inputs refused by their names, nothing believed of an attempt that ended early.
+ * The phases from inputs to a dataset: the same content however many tasks there are and however often each is run; nothing is
+ * believed of an attempt that ended early.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,290 +12,10 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include <cmocka.h>
 
-#include "err.h"
-#include "grid.h"
+#include "io.h"
 #include "no_sync.h"
-#include "random.h"
-#include "survey.h"
-
-enum { FILES = 12, POINTS = 300 };
-
-static char top[64];
-static unsigned runs; /* names of work folders */
-
-/* What the callbacks were told. */
-static struct {
-	unsigned refused, warned;
-	char all[4096]; /* "FILE: MESSAGE" lines */
-	uint64_t stop;  /* progress refuses from here on; 0: never */
-	bool kills;     /* ... or kills the process */
-} told;
-
-static void check(int r, const struct err *err)
-{
-	char text[1600];
-
-	if (r)
-		fail_msg("%d: %s", r, err_format(err, text, sizeof text));
-}
-
-static void refused(void *ctx, const struct err *why)
-{
-	size_t n = strlen(told.all);
-
-	told.refused++;
-	snprintf(told.all + n, sizeof told.all - n, "%s: %s\n", why->file, why->message);
-}
-
-static void warned(void *ctx, const char *path, const char *text)
-{
-	size_t n = strlen(told.all);
-
-	told.warned++;
-	snprintf(told.all + n, sizeof told.all - n, "%s: %s\n", path, text);
-}
-
-static int progress(void *ctx, const char *phase, uint64_t done, uint64_t all)
-{
-	assert_true(done <= all || !all || !strcmp(phase, "stage"));
-	if (!told.stop || done < told.stop || strcmp(phase, "stage"))
-		return 0;
-	if (told.kills)
-		raise(SIGKILL);
-	return -1;
-}
-
-static struct survey_params params(void)
-{
-	return (struct survey_params){.progress = progress, .refused = refused, .warned = warned};
-}
-
-/* ---- inputs ---- */
-
-struct inputs {
-	char path[FILES + 4][128];
-	struct work_input file[FILES + 4];
-	size_t n;
-};
-
-static void see(struct work_input *in)
-{
-	struct stat st;
-
-	assert_int_equal(stat(in->path, &st), 0);
-	in->size = (uint64_t)st.st_size;
-	in->mtime_ns = (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec;
-}
-
-static void add(struct inputs *in, const char *name, const char *text)
-{
-	char *path = in->path[in->n];
-	FILE *f;
-
-	snprintf(path, sizeof in->path[0], "%s/%s", top, name);
-	f = fopen(path, "w");
-	assert_non_null(f);
-	fputs(text, f);
-	fclose(f);
-	in->file[in->n].path = path;
-	see(&in->file[in->n++]);
-}
-
-static void put(uint8_t *at, const void *value, size_t n)
-{
-	memcpy(at, value, n); /* LAS is little-endian, as all machines that acut runs on */
-}
-
-/* Three points, LAS 1.2 format 0, with the EPSG number of a projected system. */
-static void add_las(struct inputs *in, const char *name, uint16_t epsg, int32_t x)
-{
-	enum { HEAD = 227, KEYS = 54 + 24 };
-	static const double box[6] = {500100, 500000, 5400010, 5400000, 110, 100};
-	const uint16_t keys[12] = {1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, epsg};
-	uint8_t all[HEAD + KEYS + 60] = "LASF", *at = all + HEAD;
-	const uint16_t head = HEAD, key = 34735, bytes = sizeof keys, record = 20;
-	const uint32_t start = HEAD + KEYS, n = 3, one = 1;
-	FILE *f;
-
-	all[24] = 1;
-	all[25] = 2;
-	put(all + 94, &head, 2);
-	put(all + 96, &start, 4);
-	put(all + 100, &one, 4);
-	put(all + 105, &record, 2);
-	put(all + 107, &n, 4);
-	put(all + 111, &n, 4);
-	for (int k = 0; k < 3; k++)
-		put(all + 131 + 8 * k, &(double){.01}, 8);
-	put(all + 179, box, sizeof box);
-	strcpy((char *)at + 2, "LASF_Projection");
-	put(at + 18, &key, 2);
-	put(at + 20, &bytes, 2);
-	put(at + 54, keys, sizeof keys);
-	for (int i = 0; i < 3; i++) {
-		const int32_t p[3] = {50000000 + x + i * 10, 540000000 + i * i, 10000 + i};
-
-		put(all + start + 20 * i, p, sizeof p);
-		all[start + 20 * i + 14] = 0x09;
-		all[start + 20 * i + 15] = 2;
-	}
-	add(in, name, "");
-	f = fopen(in->path[in->n - 1], "w");
-	assert_int_equal(fwrite(all, 1, sizeof all, f), sizeof all);
-	fclose(f);
-	see(&in->file[in->n - 1]);
-}
-
-/* Tiles in rows of four; some have more points than others, and one has none of its own. */
-static struct inputs tiles(void)
-{
-	static struct inputs in;
-	static char text[POINTS * 3 * 64];
-	uint64_t seed = 7;
-
-	in.n = 0;
-	for (unsigned i = 0; i < FILES; i++) {
-		unsigned n = POINTS * (1 + i % 3);
-		size_t at = 0;
-		char name[32];
-
-		for (unsigned k = 0; k < n; k++) {
-			unsigned x = (unsigned)random_below(&seed, 10000), y = (unsigned)random_below(&seed, 10000);
-
-			at += (size_t)snprintf(text + at, sizeof text - at, "%u.%02u %u.%02u %u.%u\n",
-					       500000 + i % 4 * 100 + x / 100, x % 100, 5400000 + i / 4 * 100 + y / 100, y % 100,
-					       100 + k % 50, k % 10);
-		}
-		snprintf(name, sizeof name, "tile%u.xyz", i * 7 % FILES);
-		add(&in, name, text);
-	}
-	return in;
-}
-
-/* ---- runs ---- */
-
-struct shape {
-	uint32_t stages;
-	uint64_t memory;
-	uint32_t sorts;
-};
-
-static struct work *open_work(const char *folder)
-{
-	struct work *w = NULL;
-	struct err err = ERR_INIT;
-
-	check(work_open(folder, &w, &err), &err);
-	work_set_patience(w, 0);
-	return w;
-}
-
-static struct work *make_run(const struct inputs *in, const struct shape *shape)
-{
-	struct work_about about = {.id = 0x1234, .memory = shape->memory};
-	char folder[128];
-	struct work *w;
-	struct err err = ERR_INIT;
-
-	about.tasks[WORK_HEAD] = about.tasks[WORK_COMMIT] = 1;
-	about.tasks[WORK_STAGE] = shape->stages;
-	about.tasks[WORK_SORT] = shape->sorts;
-	snprintf(folder, sizeof folder, "%s/work%u", top, runs++);
-	check(work_make(folder, &about, in->file, in->n, &w, &err), &err);
-	work_set_patience(w, 0);
-	return w;
-}
-
-static void run_all(struct work *w, const struct survey_params *p)
-{
-	struct err err = ERR_INIT;
-
-	check(survey_head(w, p, &err), &err);
-	for (uint32_t i = 0; i < work_about(w)->tasks[WORK_STAGE]; i++)
-		check(survey_stage(w, i, p, &err), &err);
-	for (uint32_t i = 0; i < work_about(w)->tasks[WORK_SORT]; i++)
-		check(survey_sort(w, i, p, &err), &err);
-	check(survey_commit(w, p, &err), &err);
-}
-
-static uint64_t value_of(struct work *w, enum work_phase phase, uint32_t task, const char *key)
-{
-	struct work_record *record = NULL;
-	struct err err = ERR_INIT;
-	uint64_t n = 0;
-
-	check(work_record_need(w, phase, task, &record, &err), &err);
-	check(work_record_u64(record, key, &n, &err), &err);
-	work_record_free(record);
-	return n;
-}
-
-struct content {
-	struct digest digest;
-	uint64_t points;
-	size_t sources, segments;
-	struct digest hash[FILES]; /* of the sources, by their names */
-	uint32_t id[FILES];
-};
-
-/* Also checks that the folder has what the manifest names, and no more. */
-static struct content content_of(struct work *w)
-{
-	struct content c = {.points = 0};
-	const struct grid_manifest *m;
-	struct grid *g;
-	struct err err = ERR_INIT;
-	struct dirent *e;
-	size_t files = 0;
-	DIR *dir;
-	int fd;
-
-	check(io_open(work_fd(w), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY, 0, &fd, &err), &err);
-	check(grid_open(fd, "manifest", GRID_NEWEST, NULL, 1 << 20, &g, &err), &err);
-	m = grid_manifest(g);
-	c.digest = grid_content(g);
-	c.points = grid_points(g);
-	c.sources = m->nsources;
-	c.segments = m->nsegments;
-	for (size_t i = 0; i < m->nsources; i++) {
-		unsigned k = FILES;
-
-		assert_non_null(m->sources[i].name);
-		if (sscanf(m->sources[i].name, "tile%u.xyz", &k) == 1) {
-			assert_true(k < FILES);
-			c.hash[k] = m->sources[i].hash;
-			c.id[k] = m->sources[i].id;
-		}
-	}
-	assert_int_equal(m->ngenerations, 1);
-	assert_int_equal(m->generations[0].kind, GRID_PUSH);
-	assert_int_equal(m->generations[0].points_added, c.points);
-	assert_int_equal(m->generations[0].files, c.sources);
-	dir = fdopendir(fd);
-	while ((e = readdir(dir)))
-		files += *e->d_name != '.';
-	assert_int_equal(files, 1 + m->nsegments);
-	grid_close(g);
-	closedir(dir);
-	return c;
-}
-
-static void same(const struct content *a, const struct content *b)
-{
-	assert_true(digest_equal(a->digest, b->digest));
-	assert_int_equal(a->points, b->points);
-	assert_int_equal(a->sources, b->sources);
-	for (unsigned i = 0; i < FILES; i++) {
-		assert_true(digest_equal(a->hash[i], b->hash[i]));
-		assert_int_equal(a->id[i], b->id[i]);
-	}
-}
-
-/* ---- tests ---- */
-
-static const struct shape one = {1, 64 << 20, 0};
+#include "survey_fixture.h"
 
 static void any_number_of_tasks_makes_the_same_dataset(void **state)
 {
@@ -333,7 +47,7 @@ static void any_number_of_tasks_makes_the_same_dataset(void **state)
 		FILE *f;
 		size_t n;
 
-		snprintf(path, sizeof path, "%s/tile%u.xyz", top, i);
+		snprintf(path, sizeof path, "%s/tile%u.xyz", survey_top, i);
 		f = fopen(path, "r");
 		assert_non_null(f);
 		n = fread(bytes, 1, sizeof bytes, f);
@@ -367,7 +81,7 @@ static void neighbours_are_staged_together(void **state)
 {
 	struct inputs in = tiles();
 	struct survey_params p = params();
-	struct work *w = make_run(&in, &one);
+	struct work *w = make_run(&in, &one_stage);
 	struct content c;
 
 	run_all(w, &p);
@@ -393,7 +107,7 @@ static void little_memory_makes_runs(void **state)
 		fprintf(f, "%u.25 %u.5 %u\n", i * 7919 % 100000, i * 104729 % 99991, i % 100);
 	fclose(f);
 	see(&in.file[0]);
-	snprintf(scratch, sizeof scratch, "%s/scratch", top);
+	snprintf(scratch, sizeof scratch, "%s/scratch", survey_top);
 	assert_int_equal(mkdir(scratch, 0700), 0);
 	for (unsigned i = 0; i < 2; i++) {
 		struct shape shape = {1, survey_least_bytes(1) + (4 << 20), 0};
@@ -424,11 +138,11 @@ static void left_scratch_is_removed(void **state)
 					    "acut-1b-stage-1-0123456789abcdef", "acut-1b-stage-1-x", "acut-data"};
 	struct inputs in = tiles();
 	struct survey_params p = params();
-	struct work *w = make_run(&in, &one);
+	struct work *w = make_run(&in, &one_stage);
 	char scratch[128], path[256];
 	int living;
 
-	snprintf(scratch, sizeof scratch, "%s/scratch", top);
+	snprintf(scratch, sizeof scratch, "%s/scratch", survey_top);
 	assert_int_equal(mkdir(scratch, 0700), 0);
 	for (unsigned i = 0; i < 5; i++) {
 		snprintf(path, sizeof path, "%s/%s", scratch, names[i]);
@@ -455,7 +169,7 @@ static void sorted_ranges_have_the_same_records(void **state)
 	static const uint32_t counts[][2] = {{1, 1}, {4, 1}, {4, 3}, {3, 5}, {1, 40}, {7, 7}};
 	struct inputs in = tiles();
 	struct survey_params p = params();
-	struct work *w = make_run(&in, &one);
+	struct work *w = make_run(&in, &one_stage);
 	struct content unsorted, c;
 
 	run_all(w, &p);
@@ -489,7 +203,7 @@ static void two_attempts_at_once_leave_one_dataset(void **state)
 	struct survey_params p = params();
 	struct shape shape = {3, 64 << 20, 2};
 	struct content alone, twice;
-	struct work *w = make_run(&in, &one);
+	struct work *w = make_run(&in, &one_stage);
 
 	run_all(w, &p);
 	alone = content_of(w);
@@ -558,149 +272,6 @@ static void an_attempt_that_ends_early_counts_for_nothing(void **state)
 	work_close(w);
 }
 
-static void touch(const char *path)
-{
-	const struct timespec times[2] = {{.tv_nsec = UTIME_OMIT}, {.tv_sec = 1000000000}};
-
-	assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
-}
-
-static void inputs_that_changed_are_refused_by_name(void **state)
-{
-	struct inputs in = tiles();
-	struct survey_params p = params();
-	struct work *w = make_run(&in, &one);
-	struct work_failure why;
-	struct err err = ERR_INIT;
-
-	/* Before the head. */
-	touch(in.path[5]);
-	assert_int_equal(survey_head(w, &p, &err), -ERR_CHANGED);
-	assert_non_null(strstr(err.message, in.path[5]));
-	assert_int_equal(told.refused, 1);
-	assert_int_equal(work_failure_look(w, WORK_HEAD, 0, &why, &err), 0);
-	work_close(w);
-
-	/* After it. */
-	for (unsigned i = 0; i < 2; i++) {
-		see(&in.file[5]);
-		w = make_run(&in, &one);
-		err = ERR_INIT;
-		check(survey_head(w, &p, &err), &err);
-		if (i)
-			assert_int_equal(truncate(in.path[5], 10), 0);
-		else
-			utimensat(AT_FDCWD, in.path[5], NULL, 0);
-		assert_int_equal(survey_stage(w, 0, &p, &err), -ERR_CHANGED);
-		assert_string_equal(err.file, in.path[5]);
-		work_close(w);
-	}
-	/* A pipe has come in its place: nobody waits for a writer. */
-	see(&in.file[5]);
-	w = make_run(&in, &one);
-	unlink(in.path[5]);
-	assert_int_equal(mkfifo(in.path[5], 0600), 0);
-	err = ERR_INIT;
-	alarm(60);
-	assert_true(survey_head(w, &p, &err) < 0);
-	alarm(0);
-	assert_non_null(strstr(told.all, "it is no regular file"));
-	work_close(w);
-	w = make_run(&in, &one);
-	unlink(in.path[5]);
-	err = ERR_INIT;
-	assert_true(survey_head(w, &p, &err) < 0);
-	assert_non_null(strstr(told.all, in.path[5]));
-	work_close(w);
-}
-
-static void all_that_cannot_be_used_are_named(void **state)
-{
-	static struct inputs in;
-	struct survey_params p = params();
-	struct err err = ERR_INIT;
-	struct work *w;
-
-	in.n = 0;
-	add(&in, "good.xyz", "1 2 3\n4 5 6\n2 7 8\n");
-	add(&in, "broken.las", "LASF and no more");
-	add(&in, "lines.txt", "acut lines 1\nline\n0 0 0\n1 1 1\n");
-	add(&in, "empty.xyz", "");
-	w = make_run(&in, &one);
-	assert_int_not_equal(survey_head(w, &p, &err), 0);
-	assert_non_null(strstr(told.all, "broken.las"));
-	assert_non_null(strstr(told.all, "lines.txt"));
-	assert_null(strstr(told.all, "good.xyz"));
-	assert_non_null(strstr(err.message, "of 4 inputs"));
-	work_close(w);
-}
-
-static void mixed_systems_are_refused(void **state)
-{
-	static struct inputs in;
-	struct survey_params p = params();
-	struct err err = ERR_INIT;
-	struct work *w;
-
-	in.n = 0;
-	add_las(&in, "b.las", 25832, 0);
-	add_las(&in, "a.las", 25833, 5);
-	w = make_run(&in, &one);
-	assert_int_equal(survey_head(w, &p, &err), -ERR_INPUT);
-	assert_non_null(strstr(err.file, "a.las"));
-	assert_non_null(strstr(err.message, "b.las"));
-	work_close(w);
-	/* One of them is right, says a person. */
-	p.says.override[0] = "EPSG:25832";
-	w = make_run(&in, &one);
-	run_all(w, &p);
-	assert_int_equal(content_of(w).points, 6);
-	work_close(w);
-}
-
-enum { MANY = 64 };
-static _Atomic unsigned opens[MANY];
-
-static int count_openat(int dirfd, const char *path, int flags, mode_t mode)
-{
-	const char *name = strstr(path, "/input");
-	unsigned i;
-
-	if (name && sscanf(name, "/input%u.las", &i) == 1)
-		opens[i]++;
-	return io_system.openat(dirfd, path, flags, mode);
-}
-
-/* A node that does not see the inputs: it does not wait for each. */
-static void absent_inputs_are_waited_for_together(void **state)
-{
-	static struct work_input file[MANY];
-	static char path[MANY][128];
-	const struct work_about about = {.id = 1, .memory = 64 << 20, .tasks = {[WORK_HEAD] = 1}};
-	struct survey_params p = params();
-	char folder[128];
-	struct work *w;
-	struct err err = ERR_INIT;
-	unsigned waited = 0;
-
-	for (unsigned i = 0; i < MANY; i++) {
-		snprintf(path[i], sizeof path[i], "%s/input%u.las", top, i);
-		file[i] = (struct work_input){.path = path[i], .size = 1000};
-	}
-	snprintf(folder, sizeof folder, "%s/absent", top);
-	check(work_make(folder, &about, file, MANY, &w, &err), &err);
-	work_set_patience(w, 1);
-	no_sync()->openat = count_openat;
-	assert_int_equal(survey_head(w, &p, &err), -ERR_IO);
-	assert_int_equal(told.refused, MANY);
-	for (unsigned i = 0; i < MANY; i++) {
-		assert_true(opens[i] >= 1);
-		waited += opens[i] > 1;
-	}
-	assert_true(waited >= 1 && waited <= 16); /* as many are opened at a time */
-	work_close(w);
-}
-
 /* What is said of the inputs reaches all phases. */
 static void degrees_are_projected_in_the_stages(void **state)
 {
@@ -747,7 +318,7 @@ static void what_is_odd_is_counted(void **state)
 	add(&in, "a.xyz", "1.23 2.34 3\n4.11 NaN 6\n2.22 7.001 8\n");
 	p.says.scale_xy = "0.01";
 	p.says.scale_z = "0.01";
-	w = make_run(&in, &one);
+	w = make_run(&in, &one_stage);
 	run_all(w, &p);
 	assert_int_equal(value_of(w, WORK_COMMIT, 0, "points"), 2);
 	assert_int_equal(value_of(w, WORK_COMMIT, 0, "left_out"), 1);
@@ -773,20 +344,6 @@ static void without_points_there_is_an_empty_dataset(void **state)
 	w = make_run(&in, &shape);
 	run_all(w, &p);
 	assert_int_equal(content_of(w).points, 0);
-	work_close(w);
-}
-
-static void too_little_memory_is_said(void **state)
-{
-	struct inputs in = tiles();
-	struct survey_params p = params();
-	struct shape small = {1, survey_least_bytes(FILES) - (2 << 20), 0};
-	struct work *w = make_run(&in, &small);
-	struct err err = ERR_INIT;
-
-	check(survey_head(w, &p, &err), &err);
-	assert_int_equal(survey_stage(w, 0, &p, &err), -ERR_LIMIT);
-	assert_true(err.need > small.memory && err.need <= survey_least_bytes(FILES));
 	work_close(w);
 }
 
@@ -826,7 +383,7 @@ static void every_write_that_fails_is_an_error(void **state)
 	struct inputs in = tiles();
 	struct survey_params p = params();
 	struct shape shape = {2, 64 << 20, 2};
-	struct work *w = make_run(&in, &one);
+	struct work *w = make_run(&in, &one_stage);
 	struct content expected;
 	bool failed = true;
 
@@ -864,24 +421,6 @@ static void every_write_that_fails_is_an_error(void **state)
 	assert_true(fails_at > 20);
 }
 
-static int setup(void **state)
-{
-	memset(&told, 0, sizeof told);
-	no_sync();
-	strcpy(top, "/tmp/acut-survey-XXXXXX");
-	return mkdtemp(top) ? 0 : -1;
-}
-
-static int teardown(void **state)
-{
-	struct err err = ERR_INIT;
-
-	io = &io_system;
-	return io_folder_remove(AT_FDCWD, top, &err);
-}
-
-#define TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -893,14 +432,9 @@ int main(void)
 		TEST(sorted_ranges_have_the_same_records),
 		TEST(two_attempts_at_once_leave_one_dataset),
 		TEST(an_attempt_that_ends_early_counts_for_nothing),
-		TEST(inputs_that_changed_are_refused_by_name),
-		TEST(all_that_cannot_be_used_are_named),
-		TEST(absent_inputs_are_waited_for_together),
-		TEST(mixed_systems_are_refused),
 		TEST(degrees_are_projected_in_the_stages),
 		TEST(what_is_odd_is_counted),
 		TEST(without_points_there_is_an_empty_dataset),
-		TEST(too_little_memory_is_said),
 		TEST(every_write_that_fails_is_an_error),
 	};
 
