@@ -86,35 +86,28 @@ int phase_needs(const struct phase *s, uint64_t bytes, struct err *err)
 
 /* ---- the dataset ---- */
 
-/* Every file that the manifest names is there, as large as it says. */
-static int wait_for_files(const struct phase *s, struct err *err)
+/* Waits for a file of the dataset. */
+static int open_segment(void *ctx, const char *file, uint64_t bytes, int *ret_fd, struct err *err)
 {
-	struct grid_manifest *m = NULL;
-	int fd, r = grid_manifest_load(work_fd(s->work), WORK_IN_DATASET "/manifest", s->ledger, &m, err);
+	const struct phase *s = ctx;
+	char name[WORK_NAME];
 
-	for (size_t i = 0; !r && i < m->nsegments; i++) {
-		char name[sizeof m->segments[i].file + sizeof WORK_IN_DATASET + 1];
-
-		snprintf(name, sizeof name, WORK_IN_DATASET "/%s", m->segments[i].file);
-		r = work_file_open(s->work, name, m->segments[i].bytes, &fd, err);
-		if (!r)
-			io_close(fd);
-	}
-	grid_manifest_free(m);
-	return r;
+	if (snprintf(name, sizeof name, WORK_IN_DATASET "/%s", file) >= (int)sizeof name)
+		return err_set(err, ERR_CORRUPT, "the name of a segment is too long");
+	return work_file_open(s->work, name, bytes, ret_fd, err);
 }
 
 static int open_grid(struct phase *s, int dirfd, struct err *err)
 {
-	int r = grid_open_use(dirfd, MANIFEST, GRID_NEWEST, &(struct grid_use){.no_lines = true}, s->ledger, index_bytes(s),
-			      &s->grid, err);
+	const struct grid_use use = {.no_lines = true, .late = true, .open = open_segment, .open_ctx = s};
+	int r = grid_open_use(dirfd, MANIFEST, GRID_NEWEST, &use, s->ledger, index_bytes(s), &s->grid, err);
 
 	if (r == -ERR_BUSY)
 		return phase_needs(s, s->p->memory + s->p->memory / 2, err);
 	return r;
 }
 
-/* A file that is not seen yet, or not whole, is waited for, and then all is opened again. */
+/* A file that is not seen yet, or not whole, is waited for. */
 int phase_open(struct phase *s, struct err *err)
 {
 	struct work_record *record = NULL;
@@ -134,14 +127,6 @@ int phase_open(struct phase *s, struct err *err)
 	if (r)
 		return r;
 	r = open_grid(s, dirfd, err);
-	if (r == -ERR_NOTFOUND || r == -ERR_IO || r == -ERR_TRUNCATED || r == -ERR_CORRUPT) {
-		struct err late = ERR_INIT;
-
-		if (!wait_for_files(s, &late)) {
-			err_clear(err);
-			r = open_grid(s, dirfd, err);
-		}
-	}
 	io_close(dirfd);
 	return r;
 }

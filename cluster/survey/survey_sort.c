@@ -16,7 +16,6 @@
 #include "grid_rewrite.h"
 #include "io.h"
 #include "parse.h"
-#include "point.h"
 #include "survey_priv.h"
 
 struct weight {
@@ -45,10 +44,9 @@ int survey_note_keys(struct survey *s, const struct grid_segment_info *segment, 
 	return r ? r : work_result(s->attempt, "keys", text, err);
 }
 
-/* The first part begins at the first key of the segment's box, which no record has a smaller one than. */
 static int take_keys(struct sort *so, const struct grid_segment_info *segment, const char *text, struct err *err)
 {
-	uint64_t key = point_morton(segment->box[0], segment->box[1]);
+	uint64_t key = segment->lo;
 
 	for (unsigned i = 0; i < SURVEY_PARTS; i++) {
 		char *end;
@@ -110,22 +108,12 @@ static uint64_t border(const struct sort *so, uint32_t task, uint32_t tasks)
 
 /* ---- the range ---- */
 
-static uint64_t first_key(const struct grid_segment_info *s)
-{
-	return point_morton(s->box[0], s->box[1]);
-}
-
-static uint64_t last_key(const struct grid_segment_info *s)
-{
-	return point_morton(s->box[2], s->box[3]);
-}
-
 static void only_meeting(struct sort *so, uint64_t lo, uint64_t hi)
 {
 	size_t n = 0;
 
 	for (size_t i = 0; i < so->nsegments; i++)
-		if (first_key(&so->segment[i]) <= hi && last_key(&so->segment[i]) >= lo)
+		if (so->segment[i].lo <= hi && so->segment[i].hi >= lo)
 			so->segment[n++] = so->segment[i];
 	so->nsegments = n;
 }

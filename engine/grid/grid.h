@@ -42,6 +42,14 @@ struct grid_use {
 	/* Records of points have the slots of their sources in their tags (POINT_SLOT). NULL: all have 0. Used during the call
 	 * only. */
 	const struct slots *slots;
+	/* Segments are opened when somebody reads in the range of keys that the manifest says of them, so that one range of the
+	 * dataset costs no look at the others. Damage of a segment is then found when it is read. It has no effect where the
+	 * manifest does not tell which records are live: if a source is not, or slots are given. */
+	bool late;
+	/* Opens the file of a segment, in place of openat: for a file system that shows files late. Until grid_close, by any
+	 * thread that reads. NULL: openat. */
+	int (*open)(void *ctx, const char *file, uint64_t bytes, int *ret_fd, struct err *err);
+	void *open_ctx;
 };
 /* grid_open with a use of the lines; NULL: all zero, as by grid_open. GRID_E_NO_LINE_SET, of both: the generation has lines, and
  * their line set has to be made again first. */
@@ -56,7 +64,7 @@ uint64_t grid_generation(const struct grid *); /* the one that is read */
 /* The source of the records of line vertices, which has the file (grid_source_files); NULL: likewise. */
 const struct grid_source *grid_lines_source(const struct grid *);
 struct grid *grid_close(struct grid *);
-/* Whether segments are opened again when they are read, so that no file of the generation may be removed before grid_close.
+/* Whether segments are opened when they are read, so that no file of the generation may be removed before grid_close.
  * False: all are open, and stay readable when their names go. */
 bool grid_reopens(const struct grid *);
 struct ledger *grid_ledger(const struct grid *); /* the one that it was opened with */
@@ -97,7 +105,7 @@ struct grid_visitor {
 	/* A cell; non-zero ends the walk and is returned by it (negative: the callee sets err). */
 	int (*cell)(void *ctx, const struct grid_cell *cell);
 	/* A segment of the manifest: whether to visit it. NULL: always. Only segment, count and box of `whole` are set, and
-	 * lo and hi, which here are the keys of the box's corners. */
+	 * lo and hi, between which its keys are. */
 	bool (*segment)(void *ctx, const struct grid_cell *whole);
 };
 

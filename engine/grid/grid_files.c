@@ -1,7 +1,7 @@
 /*
  * The descriptors of the segments of a grid (grid_priv.h). Up to GRID_FILES_OPEN segments are open as long as the grid. Of more,
- * so many are open at a time, and the file that nobody reads is closed for another, in turn. Opening takes microseconds, and a
- * read has at least a page.
+ * and of those that are opened late, so many are open at a time, and the file that nobody reads is closed for another, in turn.
+ * Opening takes microseconds, and a read has at least a page.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -18,6 +18,9 @@ enum { NONE = UINT32_MAX };
 struct grid_files {
 	struct lock lock;
 	int dirfd;
+	int (*open)(void *ctx, const char *file, uint64_t bytes, int *ret_fd, struct err *err); /* NULL: openat */
+	void *ctx;
+	bool pooled;
 	size_t nsegments;
 	struct grid_segment *segments;
 	uint32_t hand; /* of the slots, where the search for a free one begins */
@@ -25,20 +28,16 @@ struct grid_files {
 		int fd;
 		uint32_t segment, users;
 	} slot[GRID_FILES_OPEN];
-	uint32_t at[]; /* the slot of each segment; NONE: not open. Only for more segments than slots */
+	uint32_t at[]; /* the slot of each segment; NONE: not open. Only if `pooled` */
 };
-
-static bool pooled(const struct grid_files *f)
-{
-	return f->nsegments > GRID_FILES_OPEN;
-}
 
 size_t grid_files_bytes(size_t segments)
 {
-	return sizeof(struct grid_files) + (segments > GRID_FILES_OPEN ? segments * sizeof(uint32_t) : 0);
+	return sizeof(struct grid_files) + segments * sizeof(uint32_t);
 }
 
-struct grid_files *grid_files_new(int dirfd, struct grid_segment *segments, size_t n, struct err *err)
+struct grid_files *grid_files_new(int dirfd, const struct grid_use *use, bool all_open, struct grid_segment *segments, size_t n,
+				  struct err *err)
 {
 	struct grid_files *f = calloc(1, grid_files_bytes(n));
 
@@ -52,9 +51,12 @@ struct grid_files *grid_files_new(int dirfd, struct grid_segment *segments, size
 	f->nsegments = n;
 	f->segments = segments;
 	f->dirfd = -1;
+	f->open = use->open;
+	f->ctx = use->open_ctx;
+	f->pooled = !all_open || n > GRID_FILES_OPEN;
 	for (size_t i = 0; i < GRID_FILES_OPEN; i++)
 		f->slot[i] = (struct slot){.fd = -1, .segment = NONE};
-	if (!pooled(f))
+	if (!f->pooled)
 		return f;
 	for (size_t i = 0; i < n; i++)
 		f->at[i] = NONE;
@@ -108,11 +110,17 @@ static bool put(struct grid_files *f, uint32_t segment, int fd, uint32_t users)
 	return true;
 }
 
+int grid_files_open(const struct grid_files *f, int dirfd, const struct grid_segment *p, int *ret_fd, struct err *err)
+{
+	return f->open ? f->open(f->ctx, p->name, p->bytes, ret_fd, err) :
+			 grid_file_open(dirfd, p->name, "the segment", ret_fd, err);
+}
+
 void grid_files_add(struct grid_files *f, uint32_t segment)
 {
 	struct grid_segment *p = &f->segments[segment];
 
-	if (!pooled(f))
+	if (!f->pooled)
 		return;
 	lock_take(&f->lock);
 	if (!put(f, segment, p->fd, 0))
@@ -137,14 +145,14 @@ int grid_files_take(struct grid_files *f, uint32_t segment, struct grid_segment 
 	int fd, rc;
 
 	*ret = f->segments[segment];
-	if (!pooled(f))
+	if (!f->pooled)
 		return 0;
 	lock_take(&f->lock);
 	ret->fd = use_open(f, segment);
 	lock_give(&f->lock);
 	if (ret->fd >= 0)
 		return 0;
-	rc = grid_file_open(f->dirfd, ret->name, "the segment", &ret->fd, err);
+	rc = grid_files_open(f, f->dirfd, ret, &ret->fd, err);
 	if (rc)
 		return rc;
 	lock_take(&f->lock);
@@ -161,7 +169,7 @@ int grid_files_take(struct grid_files *f, uint32_t segment, struct grid_segment 
 
 void grid_files_give(struct grid_files *f, uint32_t segment, const struct grid_segment *taken)
 {
-	if (!pooled(f))
+	if (!f->pooled)
 		return;
 	lock_take(&f->lock);
 	if (f->at[segment] != NONE && f->slot[f->at[segment]].fd == taken->fd)

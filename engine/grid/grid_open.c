@@ -5,6 +5,7 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -92,19 +93,83 @@ static int read_sources(struct grid *g, uint32_t segment, const struct disk_segm
 
 static int open_segment(struct grid *g, int dirfd, uint32_t i, struct err *err)
 {
-	const struct grid_segment_info *info = &g->manifest->segments[i];
 	struct grid_segment *p = &g->segments[i];
 	struct disk_segment h;
-	int rc = grid_segment_open(p, dirfd, info, &h, err);
+	int rc = grid_files_open(g->files, dirfd, p, &p->fd, err);
+
+	if (rc == 0)
+		rc = grid_segment_header(p, &g->manifest->segments[i], &h, err);
+	if (rc == 0)
+		rc = read_sources(g, i, &h, err);
+	if (rc == 0)
+		grid_files_add(g->files, i);
+	return rc;
+}
+
+/* ---- segments that are opened late ---- */
+
+/* All of its records are live, as all sources are. */
+static void take_live(struct grid *g, uint32_t segment)
+{
+	const struct grid_segment_info *info = &g->manifest->segments[segment];
+
+	g->live[segment] = (struct grid_live){
+		.points = info->points, .sum = info->sum, .all = true, .none = !info->points, .slots = info->points > 0};
+}
+
+/* That all of its records are live was concluded from the manifest having all of its sources. */
+static int check_sources(const struct grid *g, const struct grid_segment *p, const struct disk_segment *h, struct err *err)
+{
+	struct disk_total *totals = NULL;
+	struct digest sum = {0, 0};
+	int rc = grid_segment_sources(p, h, &totals, err);
+
+	for (uint32_t i = 0; rc == 0 && i < h->sources; i++) {
+		if (!find_source(g, totals[i].id))
+			rc = grid_segment_damaged(p, h->sources_place, "one of its sources is not in the manifest", err);
+		digest_add(&sum, (struct digest){totals[i].sum_hi, totals[i].sum_lo});
+	}
+	if (rc == 0 && (sum.hi != h->sum_hi || sum.lo != h->sum_lo))
+		rc = grid_segment_damaged(p, h->sources_place, "its table of sources does not add up", err);
+	free(totals);
+	return rc;
+}
+
+static int find_root(const struct grid *g, uint32_t segment, struct err *err)
+{
+	struct grid_root *root = &g->roots[segment];
+	struct grid_segment p;
+	struct disk_segment h;
+	int rc = grid_files_take(g->files, segment, &p, err);
 
 	if (rc)
 		return rc;
-	rc = read_sources(g, i, &h, err);
+	rc = grid_segment_header(&p, &g->manifest->segments[segment], &h, err);
+	if (rc == 0 && h.sources > g->manifest->nsources)
+		rc = grid_segment_damaged(&p, h.sources_place, "one of its sources is not in the manifest", err);
+	if (rc == 0)
+		rc = check_sources(g, &p, &h, err);
+	grid_files_give(g->files, segment, &p);
 	if (rc)
 		return rc;
-	if (p->height > g->height)
-		g->height = p->height;
-	grid_files_add(g->files, i);
+	atomic_store_explicit(&root->place, p.root, memory_order_relaxed);
+	atomic_store_explicit(&root->check, p.root_check, memory_order_relaxed);
+	atomic_store_explicit(&root->known, true, memory_order_release);
+	return 0;
+}
+
+int grid_root_of(const struct grid *g, uint32_t segment, uint64_t *ret_place, uint64_t *ret_check, struct err *err)
+{
+	struct grid_root *root = g->roots ? &g->roots[segment] : NULL;
+
+	if (root && !atomic_load_explicit(&root->known, memory_order_acquire)) {
+		int rc = find_root(g, segment, err);
+
+		if (rc)
+			return rc;
+	}
+	*ret_place = root ? atomic_load_explicit(&root->place, memory_order_relaxed) : g->segments[segment].root;
+	*ret_check = root ? atomic_load_explicit(&root->check, memory_order_relaxed) : g->segments[segment].root_check;
 	return 0;
 }
 
@@ -153,8 +218,9 @@ static size_t lines_memory(const struct grid *g, size_t index_memory)
 	return bytes < index_memory ? bytes : index_memory;
 }
 
-/* Charges the tables and as many frames as index_memory has room for, but no more than the index has pages. */
-static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struct err *err)
+/* Charges the tables (also the one of the sources of a segment that is opened late) and as many frames as index_memory has room
+ * for, but no more than the index has pages. */
+static int charge(struct grid *g, size_t index_memory, bool late, size_t *ret_frames, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
 	uint64_t pages = 0, frames = index_memory / (grid_cache_bytes(1) - grid_cache_bytes(0));
@@ -163,7 +229,8 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
 	/* Sorting the sources may double them for a while. */
-	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live) + grid_files_bytes(m->nsegments) +
+	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live + sizeof *g->roots) +
+			 (late ? m->nsources * sizeof(struct disk_total) : 0) + grid_files_bytes(m->nsegments) +
 			 grid_order_bytes(m->nsegments) + 2 * m->nsources * sizeof *g->sources + grid_cache_bytes(frames) +
 			 SLOTS_MOST * sizeof *g->slot_sum;
 
@@ -176,7 +243,43 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	return 0;
 }
 
-static int fill_sources(struct grid *g, int dirfd, uint64_t generation, const struct grid_use *use, struct err *err)
+static bool is_late(const struct grid *g, const struct grid_use *use)
+{
+	bool all = use->late && !use->slots;
+
+	for (size_t i = 0; all && i < g->manifest->nsources; i++)
+		all = g->sources[i].live;
+	return all;
+}
+
+static int fill_segments(struct grid *g, int dirfd, const struct grid_use *use, struct err *err)
+{
+	const struct grid_manifest *m = g->manifest;
+
+	for (size_t i = 0; i < m->nsegments; i++) {
+		grid_segment_describe(&g->segments[i], &m->segments[i]);
+		if (g->segments[i].height > g->height)
+			g->height = g->segments[i].height;
+	}
+	if (is_late(g, use) && !(g->roots = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->roots)))
+		return err_set(err, ERR_NOMEM, "no memory for %zu segments", m->nsegments);
+	g->files = grid_files_new(dirfd, use, !g->roots, g->segments, m->nsegments, err);
+	if (!g->files)
+		return -(int)err->code;
+	for (uint32_t i = 0; i < m->nsegments; i++) {
+		int rc = 0;
+
+		if (g->roots)
+			take_live(g, i);
+		else
+			rc = open_segment(g, dirfd, i, err);
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+static int fill_sources(struct grid *g, uint64_t generation, const struct grid_use *use, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
 
@@ -188,9 +291,6 @@ static int fill_sources(struct grid *g, int dirfd, uint64_t generation, const st
 		g->slot_sum = calloc(SLOTS_MOST, sizeof *g->slot_sum);
 	if (!g->sources || !g->segments || !g->live || (g->slots && !g->slot_sum))
 		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources, m->nsegments);
-	g->files = grid_files_new(dirfd, g->segments, m->nsegments, err);
-	if (!g->files)
-		return -(int)err->code;
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
@@ -249,11 +349,11 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 	if (rc == 0)
 		rc = open_lines(g, dirfd, use, index_memory, err);
 	if (rc == 0)
-		rc = charge(g, index_memory - lines_memory(g, index_memory), &frames, err);
+		rc = charge(g, index_memory - lines_memory(g, index_memory), use->late, &frames, err);
 	if (rc == 0)
-		rc = fill_sources(g, dirfd, generation, use, err);
-	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
-		rc = open_segment(g, dirfd, i, err);
+		rc = fill_sources(g, generation, use, err);
+	if (rc == 0)
+		rc = fill_segments(g, dirfd, use, err);
 	if (rc == 0)
 		rc = grid_order_make(g, err);
 	if (rc == 0 && !(g->cache = grid_cache_new(frames)))
@@ -268,7 +368,7 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 
 bool grid_reopens(const struct grid *g)
 {
-	return g->manifest->nsegments > GRID_FILES_OPEN;
+	return g->roots || g->manifest->nsegments > GRID_FILES_OPEN;
 }
 
 int grid_folder(const struct grid *g)
@@ -320,6 +420,7 @@ struct grid *grid_close(struct grid *g)
 	grid_manifest_free(g->manifest);
 	free(g->segments);
 	free(g->live);
+	free(g->roots);
 	free(g->sources);
 	free(g->slot_sum);
 	free(g);

@@ -36,10 +36,13 @@ void grid_cache_put(struct grid_cache *, uint32_t segment, uint64_t place, const
 enum { GRID_FILES_OPEN = 128 };
 struct grid_files;
 
-/* dirfd is duplicated. NULL: no memory, or no descriptor (*err is set). */
-struct grid_files *grid_files_new(int dirfd, struct grid_segment *segments, size_t n, struct err *err);
+/* dirfd is duplicated. `all_open`: they are opened by the caller, if there are not too many. NULL: no memory, or no descriptor
+ * (*err is set). */
+struct grid_files *grid_files_new(int dirfd, const struct grid_use *, bool all_open, struct grid_segment *segments, size_t n,
+				  struct err *err);
 size_t grid_files_bytes(size_t segments);
 struct grid_files *grid_files_free(struct grid_files *); /* closes them all */
+int grid_files_open(const struct grid_files *, int dirfd, const struct grid_segment *, int *ret_fd, struct err *err);
 /* The file of this segment was opened (its fd) and is read no more for now. */
 void grid_files_add(struct grid_files *, uint32_t segment);
 /* A copy of the segment with an open file, until grid_files_give. Thread-safe. */
@@ -77,6 +80,12 @@ struct grid_live { /* of a segment */
 	uint8_t slot;          /* of all live records, if they have one slot */
 };
 
+/* Of a segment that is opened late. Threads that find it at the same time set the same. */
+struct grid_root {
+	_Atomic uint64_t place, check;
+	_Atomic bool known;
+};
+
 struct grid_liveness { /* of a source */
 	uint32_t id;   /* first, for order_u32 */
 	bool live;
@@ -90,6 +99,7 @@ struct grid {
 	struct grid_files *files;      /* of the segments */
 	struct grid_order order;
 	struct grid_live *live;        /* of each segment */
+	struct grid_root *roots;       /* of each segment, if they are opened late; else NULL */
 	struct grid_liveness *sources; /* of the manifest, ascending by id */
 	struct lineset *lines;         /* NULL: none */
 	int folder;                    /* grid_folder */
@@ -104,6 +114,8 @@ struct grid {
 	uint64_t charged;
 };
 
+/* The root page of a segment; opens it, if that is not done. */
+int grid_root_of(const struct grid *, uint32_t segment, uint64_t *ret_place, uint64_t *ret_check, struct err *err);
 /* Whether the records of this source count in the generation; false if the manifest has no such source. */
 bool grid_live(const struct grid *, uint32_t source);
 uint8_t grid_slot(const struct grid *, uint32_t source);

@@ -30,12 +30,15 @@ struct scan {
 static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi, struct err *err)
 {
 	const struct grid_segment *p = &r->grid->segments[c->segment];
-	uint64_t place = p->root, check = p->root_check;
+	uint64_t place, check;
 	unsigned n;
+	int rc = grid_root_of(r->grid, c->segment, &place, &check, err);
 
+	if (rc)
+		return rc;
 	c->nbatch = c->at = 0;
 	for (unsigned level = p->height; level-- > 0;) {
-		int rc = grid_page_read(r, c->segment, level, place, check, err);
+		rc = grid_page_read(r, c->segment, level, place, check, err);
 
 		if (rc)
 			return rc;

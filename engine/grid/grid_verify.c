@@ -39,6 +39,7 @@ struct verify {
 	uint64_t at, end;         /* the next cell or page begins at or after `at`; all end before `end` */
 	uint64_t range, range_hi; /* check_maximal: records of the range so far, or 0; its last key */
 	uint64_t cell_hi;         /* last key of the previous cell */
+	uint64_t first_key;       /* of all records */
 	uint64_t last_key;        /* key, source (0: none) and record of the previous record */
 	uint32_t last_id;
 	struct point last;
@@ -103,6 +104,7 @@ static bool records_ordered(struct verify *v, const struct grid_cell *cell, cons
 			if (order > 0 || (order == 0 && id < v->last_id))
 				return false;
 		}
+		v->first_key = v->last_id ? v->first_key : key;
 		v->last_key = key;
 		v->last = p;
 		v->last_id = id;
@@ -342,6 +344,14 @@ static int check_header(struct verify *v, const struct disk_segment *head, const
 	return 0;
 }
 
+/* Whoever needs other keys never looks into the segment. */
+static int check_range(const struct verify *v, const struct grid_segment_info *info, struct err *err)
+{
+	if (!info->points || (info->lo <= v->first_key && v->last_key <= info->hi))
+		return 0;
+	return grid_segment_damaged(&v->segment, 0, "it has a record outside of the range of keys in the manifest", err);
+}
+
 /* Checks that the manifest has each source of the segment. */
 static int check_sources(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, struct err *err)
 {
@@ -360,7 +370,8 @@ static int check_sources(struct verify *v, const struct disk_segment *head, cons
 	return rc;
 }
 
-static int verify_all(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, struct err *err)
+static int verify_all(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, size_t segment,
+		      struct err *err)
 {
 	const struct disk_inner root = {.place = head->root, .check = head->root_check};
 	struct disk_inner all = {0};
@@ -379,6 +390,8 @@ static int verify_all(struct verify *v, const struct disk_segment *head, const s
 		rc = read_page(v, v->segment.height - 1, &root, true, &all, err);
 	if (rc == 0 && !v->skipped)
 		rc = check_header(v, head, &all, err);
+	if (rc == 0 && !v->skipped)
+		rc = check_range(v, &m->segments[segment], err);
 	return rc;
 }
 
@@ -401,7 +414,7 @@ int grid_verify_segment(const struct grid_verify_params *p, const struct grid_ma
 	if (rc == 0 && head.sources > m->nsources)
 		rc = grid_segment_damaged(&v.segment, head.sources_place, "one of its sources is not in the manifest", err);
 	if (rc == 0)
-		rc = verify_all(&v, &head, m, err);
+		rc = verify_all(&v, &head, m, segment, err);
 	rc = report_damage(&v, rc, err);
 	free(v.totals);
 	free(v.found);

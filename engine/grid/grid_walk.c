@@ -63,6 +63,14 @@ static int descend_page(struct descent *d, unsigned level, uint64_t place, uint6
 	return rc;
 }
 
+static int descend_segment(struct descent *d, const struct grid_segment *p, struct err *err)
+{
+	uint64_t place, check;
+	int rc = grid_root_of(d->r->grid, d->segment, &place, &check, err);
+
+	return rc ? rc : descend_page(d, p->height - 1, place, check, err);
+}
+
 /* Descends into the segments that have live records with keys in the range. */
 static int descend(struct descent *d, struct err *err)
 {
@@ -83,7 +91,7 @@ static int descend(struct descent *d, struct err *err)
 		if (p->lo > d->hi)
 			break;
 		if (!d->enter || d->enter(d))
-			rc = descend_page(d, p->height - 1, p->root, p->root_check, err);
+			rc = descend_segment(d, p, err);
 	}
 	d->r->walking = false;
 	return rc;

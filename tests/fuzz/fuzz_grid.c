@@ -49,7 +49,13 @@ static const char *name(void)
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
-	struct grid_segment_info segment = {.points = 9, .cells = 1, .bytes = 8192, .file = "a.segment", .classes = {[2] = 9}};
+	struct grid_segment_info segment = {.points = 9,
+					    .cells = 1,
+					    .bytes = 8192,
+					    .file = "a.segment",
+					    .classes = {[2] = 9},
+					    .lo = UINT64_C(3) << 62,
+					    .hi = UINT64_C(3) << 62};
 	struct grid_span life = {.added = 1, .removed = 2};
 	const struct grid_lines lines = {{1, 0, 0, 1}, 2, 7, 8192, 0, {1, 2}},
 				set = {.bytes = 8192, .places = 1, .content = {1, 2}};

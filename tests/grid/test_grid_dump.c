@@ -82,9 +82,33 @@ static void test_finds(void **state)
 	folder_remove(&f);
 }
 
+/* A range of keys in the manifest that does not hold all records of its segment. */
+static void test_range(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 5000, 2, 21);
+	struct grid_segment_info info;
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+
+	CHECK(stage_set(&f, "a", &s, 0, &info, &err));
+	info.hi--;
+	struct grid_manifest m = manifest_of(&info, 1, 2);
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	assert_int_equal(dump(&f, "", "m"), 0);
+	assert_int_equal(dump(&f, "--check", "m"), 1);
+	info.hi++;
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	assert_int_equal(dump(&f, "--check", "m"), 0);
+	free(m.sources);
+	set_free(&s);
+	folder_remove(&f);
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_passes), cmocka_unit_test(test_finds)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_passes), cmocka_unit_test(test_finds),
+					   cmocka_unit_test(test_range)};
 
 	skip_fsync();
 	return cmocka_run_group_tests_name("grid: dumper", tests, NULL, NULL);

@@ -22,6 +22,8 @@ static struct grid_segment_info segment(const char *file, uint64_t points)
 	snprintf(s.file, sizeof s.file, "%s", file);
 	s.classes[0] = 1;
 	s.classes[255] = points - 1;
+	s.lo = point_morton(-5, INT32_MIN);
+	s.hi = point_morton(7, INT32_MAX) - 1;
 	return s;
 }
 
@@ -111,6 +113,7 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 		assert_string_equal(s->file, t->file);
 		assert_true(s->points == t->points && s->cells == t->cells && s->bytes == t->bytes);
 		assert_memory_equal(s->box, t->box, sizeof s->box);
+		assert_true(s->lo == t->lo && s->hi == t->hi);
 		assert_memory_equal(s->classes, t->classes, sizeof s->classes);
 		assert_true(digest_equal(s->sum, t->sum));
 	}
@@ -244,7 +247,7 @@ static void test_newer_version(void **state)
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
 	uint8_t bytes[1024];
-	uint32_t version = 8;
+	uint32_t version = 9;
 	uint64_t check;
 	ssize_t n;
 	int fd;
@@ -258,7 +261,7 @@ static void test_newer_version(void **state)
 	assert_int_equal(pwrite(fd, bytes, (size_t)n, 0), n);
 	close(fd);
 	assert_int_equal(grid_manifest_read(f.fd, "m", &back, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "version 8"));
+	assert_non_null(strstr(err.message, "version 9"));
 	free(m.sources);
 	folder_remove(&f);
 }
@@ -300,6 +303,23 @@ static void nameless(struct grid_manifest *m)
 static void inside_out(struct grid_manifest *m)
 {
 	m->segments[0].box[2] = -6;
+}
+static void range_inside_out(struct grid_manifest *m)
+{
+	m->segments[0].lo = m->segments[0].hi + 1;
+}
+static void range_below(struct grid_manifest *m)
+{
+	m->segments[0].lo--;
+}
+static void range_above(struct grid_manifest *m)
+{
+	m->segments[0].hi += 2;
+}
+static void range_of_none(struct grid_manifest *m)
+{
+	m->segments[0].points = m->segments[0].cells = m->segments[0].lo = 0;
+	memset(m->segments[0].classes, 0, sizeof m->segments[0].classes);
 }
 static void no_sum(struct grid_manifest *m)
 {
@@ -436,13 +456,20 @@ static void scaleless(struct grid_manifest *m)
 
 static void test_rules(void **state)
 {
-	static const breaker breakers[] = {
-		long_crs,        twice,        zero,        future,    backwards,       same_name,       climbing,
-		nameless,        inside_out,   no_sum,      no_cells,  scaleless,       long_name,       long_path,
-		long_overridden, long_reading, overlapping, unending,  stillborn,       unordered,       unnumbered,
-		not_yet,         kindless,     prophetic,   long_user, pruned_all,      long_wkt,        two_lines,
-		no_text,         future_wkt,   no_kind,     no_lines,  lines_of_points, points_of_lines, named_vertices,
-		two_sets};
+	static const breaker breakers[] = {long_crs,         twice,          zero,
+					   future,           backwards,      same_name,
+					   climbing,         nameless,       inside_out,
+					   no_sum,           no_cells,       scaleless,
+					   long_name,        long_path,      long_overridden,
+					   long_reading,     overlapping,    unending,
+					   stillborn,        unordered,      unnumbered,
+					   not_yet,          kindless,       prophetic,
+					   long_user,        pruned_all,     long_wkt,
+					   two_lines,        no_text,        future_wkt,
+					   no_kind,          no_lines,       lines_of_points,
+					   points_of_lines,  named_vertices, two_sets,
+					   range_inside_out, range_below,    range_above,
+					   range_of_none};
 	struct folder f = folder_new();
 
 	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {

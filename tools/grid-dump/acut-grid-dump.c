@@ -28,7 +28,8 @@ static struct {
 	bool check, cells, records;
 } options;
 
-static int status; /* the worst so far */
+static int status;                             /* the worst so far */
+static const struct grid_segment_info *listed; /* the entry of a manifest whose segment is dumped; NULL: none */
 
 static void raise_status(int to)
 {
@@ -92,8 +93,8 @@ struct segment {
 	uint64_t classes[256];
 	struct range *ranges;
 	size_t nranges, cap;
-	bool has_last;
-	struct point last; /* the previous record, without its source */
+	bool has_last, outside; /* outside: a record is, of the range of keys in the manifest */
+	struct point last;      /* the previous record, without its source */
 	uint32_t last_source;
 };
 
@@ -130,9 +131,11 @@ static void check_order(struct segment *s, const struct point *p, uint32_t sourc
 
 	bare.tag &= POINT_FLAGS;
 	int c = s->has_last ? point_compare(&s->last, &bare) : -1;
+	uint64_t key = point_morton(bare.x, bare.y);
 
 	if (c > 0 || (c == 0 && s->last_source > source))
 		complain(s->name, place, "the records are not in order");
+	s->outside |= listed && (key < listed->lo || key > listed->hi);
 	s->last = bare;
 	s->last_source = source;
 	s->has_last = true;
@@ -355,6 +358,8 @@ static void check_totals(const struct segment *s)
 		complain(s->name, 0, "the header's classes are not those of the records");
 	if (h->sources && memcmp(s->totals, s->derived, h->sources * sizeof *s->totals))
 		complain(s->name, h->sources_place, "the table of sources is not what the blocks come to");
+	if (s->outside)
+		complain(s->name, 0, "it has a record outside of the range of keys in the manifest");
 	check_maximal(s);
 }
 
@@ -423,7 +428,7 @@ static void dump_manifest(int dirfd, const char *name)
 	const char *fault;
 	struct err err = ERR_INIT;
 	struct digest lines;
-	char text[LATTICE_TEXT_SIZE], hex[DIGEST_HEX_SIZE];
+	char text[LATTICE_TEXT_SIZE];
 
 	if (grid_manifest_read(dirfd, name, &m, &err)) {
 		print_err(&err);
@@ -437,19 +442,14 @@ static void dump_manifest(int dirfd, const char *name)
 	putchar('\n');
 	if (m->wkt && *m->wkt)
 		printf("  wkt since generation %llu: %s\n", (unsigned long long)m->wkt_since, m->wkt);
-	for (size_t i = 0; i < m->nsegments; i++) {
-		const struct grid_segment_info *s = &m->segments[i];
-
-		printf("  segment %s: %llu points in %llu cells, %llu bytes, ", s->file, (unsigned long long)s->points,
-		       (unsigned long long)s->cells, (unsigned long long)s->bytes);
-		print_box(s->box);
-		printf(", sum %s\n", digest_hex(s->sum, hex));
-	}
 	dump_manifest_lists(m);
 	if (options.check && (fault = dump_manifest_fault(m)))
 		complain(name, 0, "%s", fault);
-	for (size_t i = 0; options.check && i < m->nsegments; i++)
-		dump_file(dirfd, m->segments[i].file, m->segments[i].file);
+	for (size_t i = 0; options.check && i < m->nsegments; i++) {
+		listed = &m->segments[i];
+		dump_file(dirfd, listed->file, listed->file);
+	}
+	listed = NULL;
 	if (options.check) { /* whether each segment belongs to this manifest */
 		/* The line vertices of a selection have no lines, and their pieces are in the folder of the dataset. */
 		const struct grid_use use = {.no_lines = !grid_manifest_lines(m, m->generation, &lines) ||

@@ -1,5 +1,5 @@
 /*
- * The sources and generations of a manifest as text, for acut-grid-dump, and whether they agree.
+ * The segments, sources and generations of a manifest as text, for acut-grid-dump, and whether they agree.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +16,15 @@ static void print_text(const char *text)
 	for (const char *c = text; *c; c++)
 		printf((unsigned char)*c < 32 || *c == '"' || *c == '\\' ? "\\x%02x" : "%c", (unsigned char)*c);
 	putchar('"');
+}
+
+static void print_entry(const struct grid_segment_info *s)
+{
+	char hex[DIGEST_HEX_SIZE];
+
+	printf("  segment %s: %llu points in %llu cells, %llu bytes, x %d..%d y %d..%d, keys %016llx..%016llx, sum %s\n", s->file,
+	       (unsigned long long)s->points, (unsigned long long)s->cells, (unsigned long long)s->bytes, s->box[0], s->box[2],
+	       s->box[1], s->box[3], (unsigned long long)s->lo, (unsigned long long)s->hi, digest_hex(s->sum, hex));
 }
 
 static void print_source(const struct grid_source *s)
@@ -86,6 +95,8 @@ const char *dump_manifest_fault(const struct grid_manifest *m)
 
 void dump_manifest_lists(const struct grid_manifest *m)
 {
+	for (size_t i = 0; i < m->nsegments; i++)
+		print_entry(&m->segments[i]);
 	for (size_t i = 0; i < m->nsources; i++)
 		print_source(&m->sources[i]);
 	for (size_t i = 0; i < m->ngenerations; i++)

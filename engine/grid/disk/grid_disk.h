@@ -21,8 +21,9 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs are written a
 
 enum {
 	DISK_VERSION = 1,
-	DISK_MANIFEST_VERSION = 7, /* all versions are read. 1 had no paths, sizes and times of sources, 2 no geoid, 3 no
-				    * generations, 4 no readings and overridden coordinate systems, 5 no WKT, 6 no lines */
+	DISK_MANIFEST_VERSION = 8, /* all versions are read. 1 had no paths, sizes and times of sources, 2 no geoid, 3 no
+				    * generations, 4 no readings and overridden coordinate systems, 5 no WKT, 6 no lines, 7 no
+				    * ranges of keys */
 	DISK_ALIGN = 16,
 	DISK_HEADER = 4096,     /* of a segment */
 	DISK_RUN_VERSION = 2,   /* version 1 has blocks of different sizes; it is read, too */

@@ -72,29 +72,38 @@ static int check_header(const struct grid_segment *p, const struct disk_segment 
 	return 0;
 }
 
-int grid_segment_open(struct grid_segment *p, int dirfd, const struct grid_segment_info *info, struct disk_segment *h,
-		      struct err *err)
+void grid_segment_describe(struct grid_segment *p, const struct grid_segment_info *info)
 {
-	p->name = info->file;
-	int rc = grid_file_open(dirfd, p->name, "the segment", &p->fd, err);
+	*p = (struct grid_segment){.fd = -1,
+				   .name = info->file,
+				   .bytes = info->bytes,
+				   .cells = info->cells,
+				   .height = grid_index_levels(info->cells),
+				   .lo = info->lo,
+				   .hi = info->hi};
+	memcpy(p->box, info->box, sizeof p->box);
+}
 
-	if (rc)
-		return rc;
-	p->bytes = DISK_HEADER; /* until the header says more */
-	rc = grid_segment_read(p, h, sizeof *h, 0, err);
+int grid_segment_header(struct grid_segment *p, const struct grid_segment_info *info, struct disk_segment *h, struct err *err)
+{
+	int rc = grid_segment_read(p, h, sizeof *h, 0, err);
+
 	if (rc == 0)
 		rc = check_header(p, h, info, err);
 	if (rc)
 		return rc;
-	p->bytes = h->bytes;
-	p->cells = h->cells;
 	p->root = h->root;
 	p->root_check = h->root_check;
-	p->height = h->height;
-	memcpy(p->box, h->box, sizeof p->box);
-	p->lo = point_morton(h->box[0], h->box[1]);
-	p->hi = point_morton(h->box[2], h->box[3]);
 	return 0;
+}
+
+int grid_segment_open(struct grid_segment *p, int dirfd, const struct grid_segment_info *info, struct disk_segment *h,
+		      struct err *err)
+{
+	grid_segment_describe(p, info);
+	int rc = grid_file_open(dirfd, p->name, "the segment", &p->fd, err);
+
+	return rc ? rc : grid_segment_header(p, info, h, err);
 }
 
 int grid_segment_sources(const struct grid_segment *p, const struct disk_segment *h, struct disk_total **ret, struct err *err)

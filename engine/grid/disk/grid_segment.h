@@ -18,8 +18,13 @@ struct grid_segment {
 	uint64_t root, root_check;
 	uint32_t height;
 	int32_t box[4];  /* of its points */
-	uint64_t lo, hi; /* the keys of the box's corners; the keys of all points are between them */
+	uint64_t lo, hi; /* the keys of all points are between them */
 };
+
+/* All that the manifest says of it; root and file are not known. */
+void grid_segment_describe(struct grid_segment *, const struct grid_segment_info *);
+/* Reads the header of its open file, and checks it against what the manifest records. */
+int grid_segment_header(struct grid_segment *, const struct grid_segment_info *, struct disk_segment *ret, struct err *err);
 
 /* Opens it and checks its header against what the manifest records. On failure s->fd may be open. */
 int grid_segment_open(struct grid_segment *s, int dirfd, const struct grid_segment_info *, struct disk_segment *ret,

@@ -14,6 +14,9 @@ struct grid_segment_info {
 	int32_t box[4];        /* min x, min y, max x, max y; meaningless if points == 0 */
 	uint64_t classes[256]; /* points of each class */
 	struct digest sum;     /* content sum of all records, without their sources (format.md) */
+	/* No record has a key below or above these: the smallest and the largest key, or, from a manifest before version 8, the
+	 * keys of the corners of the box. 0 if points == 0. */
+	uint64_t lo, hi;
 };
 
 #endif

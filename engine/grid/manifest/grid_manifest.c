@@ -17,6 +17,7 @@
 #include "grid_manifest_priv.h"
 #include "io.h"
 #include "ledger.h"
+#include "point.h"
 
 static bool unpack_text(struct cursor *c, char *ret, size_t size)
 {
@@ -31,7 +32,19 @@ static bool unpack_text(struct cursor *c, char *ret, size_t size)
 	return !c->bad;
 }
 
-static bool unpack_segment(struct cursor *c, struct grid_segment_info *ret)
+/* Before version 8: the keys of the corners of the box are all that is known. */
+static void unpack_range(struct cursor *c, uint32_t version, struct grid_segment_info *ret)
+{
+	if (version >= 8) {
+		ret->lo = cursor_u64(c);
+		ret->hi = cursor_u64(c);
+	} else if (ret->points) {
+		ret->lo = point_morton(ret->box[0], ret->box[1]);
+		ret->hi = point_morton(ret->box[2], ret->box[3]);
+	}
+}
+
+static bool unpack_segment(struct cursor *c, uint32_t version, struct grid_segment_info *ret)
 {
 	int last = -1;
 
@@ -53,6 +66,7 @@ static bool unpack_segment(struct cursor *c, struct grid_segment_info *ret)
 		ret->classes[cls] = count;
 		last = cls;
 	}
+	unpack_range(c, version, ret);
 	return !c->bad;
 }
 
@@ -251,7 +265,7 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 	if (*ret_nomem)
 		return "no memory";
 	for (size_t i = 0; i < m->nsegments; i++)
-		if (!unpack_segment(c, &m->segments[i]))
+		if (!unpack_segment(c, version, &m->segments[i]))
 			return "a segment in it is malformed";
 	fault = alloc_texts(c, version, m, &room);
 	*ret_nomem = !fault && !m->texts;

@@ -8,6 +8,7 @@
 #include "grid_disk.h"
 #include "grid_manifest_priv.h"
 #include "order.h"
+#include "point.h"
 #include "utf8.h"
 
 static bool text_ok(const char *text, size_t size)
@@ -35,6 +36,10 @@ static const char *segment_fault(const struct grid_segment_info *s)
 		return "the numbers of a segment contradict each other";
 	if (s->points && (s->box[0] > s->box[2] || s->box[1] > s->box[3]))
 		return "the box of a segment is inverted";
+	if (s->points ?
+		    s->lo > s->hi || s->lo < point_morton(s->box[0], s->box[1]) || s->hi > point_morton(s->box[2], s->box[3]) :
+		    s->lo || s->hi)
+		return "a segment has keys that its box does not have";
 	return NULL;
 }
 

@@ -10,6 +10,7 @@ enum {
 	HEAD_MORE = 8 + 4 + 4, /* added by version 4 */
 	HEAD_LINES = 4,        /* added by version 7; no file is smaller than all of these */
 	SEGMENT_LEAST = 2 + 3 * 8 + 4 * 4 + 2 * 8 + 2,
+	SEGMENT_RANGE = 2 * 8,                /* added by version 8 */
 	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2, /* of version 1 */
 	SOURCE_MORE = 2 * 8 + 2,              /* added by version 2 */
 	SOURCE_SPANS = 2,                     /* added by version 4 */
@@ -20,7 +21,7 @@ enum {
 	GENERATION_LINES = 2 * 8, /* added by version 7 */
 	GENERATION_LEAST = 2 * 8 + 4 + 1 + 8 + 2 * 4 + 2 * 8 + 2 * 8 + 2,
 	TEXTS_MOST = 7 * 2 + 8 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
-	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
+	SEGMENT_MOST = SEGMENT_LEAST + SEGMENT_RANGE + 64 + 256 * 9,
 	CHECK_BYTES = 8,
 };
 #define MANIFEST_MOST ((uint64_t)1 << 32) /* bytes; enough for ten million sources */

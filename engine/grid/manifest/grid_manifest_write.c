@@ -38,6 +38,8 @@ static void pack_segment(struct packer *p, const struct grid_segment_info *s)
 		packer_u8(p, (uint8_t)c);
 		packer_u64(p, s->classes[c]);
 	}
+	packer_u64(p, s->lo);
+	packer_u64(p, s->hi);
 }
 
 static void pack_lines(struct packer *p, const struct grid_lines *lines)

@@ -167,6 +167,16 @@ static int count_block(struct grid_segment_writer *s, const uint8_t *bytes, stru
 	return rc;
 }
 
+/* Blocks come in the order of keys. */
+static void note_keys(struct grid_segment_writer *s, const uint8_t *bytes, const struct grid_new_block *b)
+{
+	const struct point *pts = (const struct point *)(bytes + b->info.head_bytes), *last = &pts[b->records - 1];
+
+	if (!s->head.cells && b->first)
+		s->first_key = point_morton(pts->x, pts->y);
+	s->last_key = point_morton(last->x, last->y);
+}
+
 /* Adds a block to the current cell, or begins one. */
 static int block_put(struct grid_segment_writer *s, struct grid_new_block *b, uint8_t *bytes, struct err *err)
 {
@@ -183,6 +193,7 @@ static int block_put(struct grid_segment_writer *s, struct grid_new_block *b, ui
 	} else if (c->source != b->info.source) {
 		c->source = 0;
 	}
+	note_keys(s, bytes, b);
 	b->place = s->at;
 	s->at += b->info.bytes;
 	c->blocks++;
@@ -237,8 +248,12 @@ static void describe(const struct grid_segment_writer *s, struct grid_segment_in
 {
 	const struct disk_segment *h = &s->head;
 
-	*ret = (struct grid_segment_info){
-		.points = h->points, .cells = h->cells, .bytes = h->bytes, .sum = {h->sum_hi, h->sum_lo}};
+	*ret = (struct grid_segment_info){.points = h->points,
+					  .cells = h->cells,
+					  .bytes = h->bytes,
+					  .sum = {h->sum_hi, h->sum_lo},
+					  .lo = s->first_key,
+					  .hi = s->last_key};
 	memcpy(ret->file, s->file.name, sizeof s->file.name);
 	memcpy(ret->box, h->box, sizeof ret->box);
 	memcpy(ret->classes, h->classes, sizeof ret->classes);

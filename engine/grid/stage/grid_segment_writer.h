@@ -25,9 +25,10 @@ struct grid_segment_writer {
 	uint64_t at;           /* end of the file */
 	struct disk_segment head;
 	struct grid_segment_writer_level level[GRID_SEGMENT_WRITER_LEVELS];
-	struct disk_total *totals; /* ascending by id */
-	uint32_t ntotals, total;   /* total: the last one that was updated */
-	struct disk_leaf cell;     /* the cell whose blocks are being put */
+	struct disk_total *totals;    /* ascending by id */
+	uint32_t ntotals, total;      /* total: the last one that was updated */
+	struct disk_leaf cell;        /* the cell whose blocks are being put */
+	uint64_t first_key, last_key; /* of all records so far */
 };
 
 /* Bytes of `memory`. */
