@@ -257,10 +257,8 @@ static int ply_front(void *writer, const struct acut_mesh_head *head, const stru
 {
 	struct ply *p = writer;
 	char *buf;
-	int n, r = ply_begin(p, head, err);
+	int n, r = tail->vertices > UINT32_MAX ? too_many(err) : ply_begin(p, head, err);
 
-	if (!r && tail->vertices > UINT32_MAX)
-		r = too_many(err);
 	if (r)
 		return r;
 	buf = malloc(PLY_HEADER);
