@@ -102,9 +102,21 @@ static int ply_begin(struct ply *p, const struct acut_mesh_head *head, struct er
 	return r ? r : format_comment_head(head, &p->opt, ply_comment, p, err);
 }
 
-static int ply_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+/* Bytes that the header takes with the largest counts. */
+static int ply_room(struct ply *p, struct err *err)
 {
 	static const char widest[] = "00000000000000000000000000000000";
+	char buf[PLY_HEADER];
+	int n = ply_header(p, widest, widest, UINT64_MAX, UINT64_MAX, buf, err);
+
+	if (n < 0)
+		return n;
+	p->header = ((size_t)n + 2 * sizeof(PLY_FILL) + 7) & ~(size_t)7; /* keeps the doubles aligned */
+	return 0;
+}
+
+static int ply_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+{
 	struct ply *p = writer;
 	char buf[PLY_HEADER];
 	int r = ply_begin(p, head, err);
@@ -117,10 +129,9 @@ static int ply_head(void *writer, const struct acut_mesh_head *head, struct err 
 		return r;
 	if (!p->faces)
 		p->faces = p->out;
-	r = ply_header(p, widest, widest, UINT64_MAX, UINT64_MAX, buf, err);
-	if (r < 0)
+	r = ply_room(p, err);
+	if (r)
 		return r;
-	p->header = ((size_t)r + 2 * sizeof(PLY_FILL) + 7) & ~(size_t)7; /* keeps the doubles aligned */
 	memset(buf, 0, sizeof(buf));
 	p->vertices = p->out;
 	r = outfile_write(p->out, buf, p->header, err);
@@ -259,18 +270,21 @@ static int ply_front(void *writer, const struct acut_mesh_head *head, const stru
 	char *buf;
 	int n, r = tail->vertices > UINT32_MAX ? too_many(err) : ply_begin(p, head, err);
 
+	if (!r)
+		r = ply_room(p, err);
 	if (r)
 		return r;
 	buf = malloc(PLY_HEADER);
 	if (!buf)
 		return err_set(err, ERR_NOMEM, "no memory for a header");
 	n = ply_header(p, tail->digest, tail->vertex_digest, tail->vertices, tail->triangles, buf, err);
-	if (n < 0) {
+	r = n < 0 ? n : ply_header_fill(p, buf, n, err);
+	if (r) {
 		free(buf);
-		return n;
+		return r;
 	}
 	*ret = (uint8_t *)buf;
-	*ret_size = (size_t)n;
+	*ret_size = p->header;
 	*ret_triangle = p->face;
 	return 0;
 }

@@ -185,6 +185,7 @@ def by_all_tasks():
             for key in ("longest", "median", "long_share"):
                 expect(abs(got["edges"][key] - shown["edges"][key]) < 1e-9, "%s %s" % (got["edges"], shown["edges"]))
             expect(sorted(os.listdir(out)) == ["x.ply", "x.stl"], str(os.listdir(out)))
+            expect([os.path.getsize(x) for x in (ply, stl)] == [os.path.getsize(x) for x in (mesh, first)], "sizes differ")
             expect(records(stl) == want, "other triangles with %d tasks" % gathers)
             run([e2e.VERIFY, ply, *files]).ok()
             # what needs the mesh in order is still made by one task
