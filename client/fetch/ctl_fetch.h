@@ -41,6 +41,8 @@ bool ctl_fetch_is_standard(const char *path); /* standard output, however it is 
 bool ctl_fetch_to_standard(struct ctl_fetch_options *);
 /* --format names one that writes nothing, and no OUT is given: that is complete. */
 bool ctl_fetch_nothing(const struct ctl_fetch_options *);
+/* The format of output i (0: of none). NULL: it cannot be known, or there is no such. */
+const struct format *ctl_fetch_format(const struct ctl_fetch_options *, unsigned i, struct err *err);
 /* Checks what can be known without a daemon, and opens a run. */
 int ctl_fetch_open(struct session *, const struct ctl_fetch_options *, struct outputs **ret, struct err *err);
 /* The same for a program without a session: what these say of interruptions, memory and parts counts. */

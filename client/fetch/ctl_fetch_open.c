@@ -110,7 +110,7 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }
 
-static const struct format *format_of(const struct ctl_fetch_options *a, unsigned i, struct err *err)
+const struct format *ctl_fetch_format(const struct ctl_fetch_options *a, unsigned i, struct err *err)
 {
 	const struct ctl_fetch_output output = ctl_fetch_output(a, i), *o = &output;
 	const char *folder = o->format ? o->format : a->levels ? "html" : "ply"; /* of the files in it */
@@ -242,7 +242,7 @@ int ctl_fetch_make(const struct ctl_fetch_options *a, const struct outputs_optio
 	if (!r && a->tile)
 		r = parse_tile(a->tile, &opt, err);
 	for (unsigned i = n > 0; i <= n && !r; i++) {
-		format[i] = format_of(a, i, err);
+		format[i] = ctl_fetch_format(a, i, err);
 		r = format[i] ? 0 : -(int)err->code;
 		rasters += format[i] && (format[i]->kind == FORMAT_RASTER ||
 					 (format[i]->kind == FORMAT_PICTURE && ctl_fetch_output(a, i).cell));

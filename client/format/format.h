@@ -103,6 +103,28 @@ struct format_simplified {
 	uint64_t vertices, left_out;
 };
 
+/* Triangles of a part of a mesh whose vertices have their numbers. */
+struct format_piece {
+	const int32_t (*position)[3];
+	const uint64_t *number; /* of the first `nnumber` vertices; that of others is their place and `shift` (modulo 2^64) */
+	uint64_t shift;
+	uint32_t nnumber;
+	const uint32_t (*triangle)[3];
+	const uint8_t *flags; /* as in struct acut_mesh_block */
+};
+
+/* Of a format whose records have a size: several processes write one file, each some of its bytes. The file is a front, all
+ * vertices, all triangles. After `open` comes `front` in place of head and finish, then any number of the others. */
+struct format_fixed {
+	size_t vertex; /* bytes of one; 0: the format has none */
+	/* The bytes before the first vertex, to be freed, and those of a triangle. -ERR_LIMIT: there are too many. */
+	int (*front)(void *writer, const struct acut_mesh_head *, const struct acut_mesh_tail *, uint8_t **ret, size_t *ret_size,
+		     size_t *ret_triangle, struct err *);
+	void (*vertices)(const void *writer, const int32_t (*)[3], size_t n, uint8_t *to);
+	/* Those from number `first` on. 8 bytes behind them may be overwritten. */
+	int (*triangles)(const void *writer, const struct format_piece *, uint32_t first, uint32_t n, uint8_t *to, struct err *);
+};
+
 /* One format. `open` makes the writer; `head`, any number of `block`, `finish` follow in this order, `free` comes last, also
  * after a failure, and returns NULL. Writers write to their output and nowhere else. The tail
  * has the digest of the triangles that came. */
@@ -134,6 +156,7 @@ struct format {
 	/* Likewise: tiles will come, before head; and in place of finish, a file for each that has lines. */
 	void (*tile)(void *writer, const struct format_tiler *);
 	int (*tile_lines)(void *writer, const struct acut_mesh_tail *, struct err *);
+	const struct format_fixed *fixed; /* NULL: only one process can write it */
 };
 #define FORMAT_SAVED 64
 

@@ -102,9 +102,21 @@ static int ply_begin(struct ply *p, const struct acut_mesh_head *head, struct er
 	return r ? r : format_comment_head(head, &p->opt, ply_comment, p, err);
 }
 
-static int ply_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+/* Bytes that the header takes with the largest counts. */
+static int ply_room(struct ply *p, struct err *err)
 {
 	static const char widest[] = "00000000000000000000000000000000";
+	char buf[PLY_HEADER];
+	int n = ply_header(p, widest, widest, UINT64_MAX, UINT64_MAX, buf, err);
+
+	if (n < 0)
+		return n;
+	p->header = ((size_t)n + 2 * sizeof(PLY_FILL) + 7) & ~(size_t)7; /* keeps the doubles aligned */
+	return 0;
+}
+
+static int ply_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+{
 	struct ply *p = writer;
 	char buf[PLY_HEADER];
 	int r = ply_begin(p, head, err);
@@ -117,10 +129,9 @@ static int ply_head(void *writer, const struct acut_mesh_head *head, struct err 
 		return r;
 	if (!p->faces)
 		p->faces = p->out;
-	r = ply_header(p, widest, widest, UINT64_MAX, UINT64_MAX, buf, err);
-	if (r < 0)
+	r = ply_room(p, err);
+	if (r)
 		return r;
-	p->header = ((size_t)r + 2 * sizeof(PLY_FILL) + 7) & ~(size_t)7; /* keeps the doubles aligned */
 	memset(buf, 0, sizeof(buf));
 	p->vertices = p->out;
 	r = outfile_write(p->out, buf, p->header, err);
@@ -173,6 +184,15 @@ static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct
 	return 0;
 }
 
+/* Two stores; the last bytes of the second are overwritten by the next face. */
+static inline void ply_face(uint8_t *to, const uint64_t g[3], uint8_t flags)
+{
+	const uint64_t head = 3 | g[0] << 8 | g[1] << 40, rest = g[1] >> 24 | g[2] << 8 | (uint64_t)flags << 40;
+
+	memcpy(to, &head, 8);
+	memcpy(to + 8, &rest, 8);
+}
+
 static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err *err)
 {
 	const uint32_t nf = b->nforeign, base = (uint32_t)(b->first - nf);
@@ -185,20 +205,22 @@ static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err 
 		if (!to)
 			return -err->code;
 		for (uint32_t end = i + k; i < end; i++, to += p->face) {
-			uint64_t g[3], head, rest;
+			uint64_t g[3];
 			for (int j = 0; j < 3; j++) {
 				uint32_t l = b->triangle[i][j];
 				g[j] = l >= nf ? l + base : (uint32_t)b->foreign[l];
 			}
-			/* two stores; the last bytes of the second are overwritten by the next face */
-			head = 3 | g[0] << 8 | g[1] << 40;
-			rest = g[1] >> 24 | g[2] << 8 | (b->flags ? (uint64_t)b->flags[i] << 40 : 0);
-			memcpy(to, &head, 8);
-			memcpy(to + 8, &rest, 8);
+			ply_face(to, g, b->flags ? b->flags[i] : 0);
 		}
 		outfile_used(p->faces, k * p->face);
 	}
 	return 0;
+}
+
+static int too_many(struct err *err)
+{
+	err_set(err, ERR_LIMIT, "PLY cannot number more than 4294967295 vertices");
+	return err_add_hint(err, "write OBJ: -o NAME.obj");
 }
 
 static int ply_block(void *writer, const struct format_block *block, struct err *err)
@@ -207,10 +229,8 @@ static int ply_block(void *writer, const struct format_block *block, struct err 
 	const struct acut_mesh_block *b = block->mesh;
 	int r;
 
-	if (p->nvertex + b->nnew > UINT32_MAX) {
-		err_set(err, ERR_LIMIT, "PLY cannot number more than 4294967295 vertices");
-		return err_add_hint(err, "write OBJ: -o NAME.obj");
-	}
+	if (p->nvertex + b->nnew > UINT32_MAX)
+		return too_many(err);
 	if (p->faces == p->out && p->nface && b->nnew)
 		return err_set(err, ERR_INTERNAL, "a vertex comes after the faces");
 	r = ply_vertices(p, b->vertex, b->nnew, err);
@@ -241,6 +261,65 @@ static int ply_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 	return r || p->faces == p->out ? r : outfile_join(p->out, p->faces, p->face, err);
 }
 
+/* ---- by several processes ---- */
+
+static int ply_front(void *writer, const struct acut_mesh_head *head, const struct acut_mesh_tail *tail, uint8_t **ret,
+		     size_t *ret_size, size_t *ret_triangle, struct err *err)
+{
+	struct ply *p = writer;
+	char *buf;
+	int n, r = tail->vertices > UINT32_MAX ? too_many(err) : ply_begin(p, head, err);
+
+	if (!r)
+		r = ply_room(p, err);
+	if (r)
+		return r;
+	buf = malloc(PLY_HEADER);
+	if (!buf)
+		return err_set(err, ERR_NOMEM, "no memory for a header");
+	n = ply_header(p, tail->digest, tail->vertex_digest, tail->vertices, tail->triangles, buf, err);
+	r = n < 0 ? n : ply_header_fill(p, buf, n, err);
+	if (r) {
+		free(buf);
+		return r;
+	}
+	*ret = (uint8_t *)buf;
+	*ret_size = p->header;
+	*ret_triangle = p->face;
+	return 0;
+}
+
+static void ply_fixed_vertices(const void *writer, const int32_t (*v)[3], size_t n, uint8_t *to)
+{
+	const struct ply *p = writer;
+	double value[3 * 512];
+
+	for (size_t some; n; n -= some, v += some, to += some * PLY_VERTEX) {
+		some = n < 512 ? n : 512;
+		format_axis_values(p->axis, v, some, value);
+		memcpy(to, value, some * PLY_VERTEX);
+	}
+}
+
+static int ply_fixed_faces(const void *writer, const struct format_piece *piece, uint32_t first, uint32_t n, uint8_t *to,
+			   struct err *err)
+{
+	const struct ply *p = writer;
+
+	for (uint32_t i = first; i < first + n; i++, to += p->face) {
+		uint64_t g[3];
+
+		for (int j = 0; j < 3; j++) {
+			uint32_t l = piece->triangle[i][j];
+			g[j] = l < piece->nnumber ? piece->number[l] : (uint32_t)(l + piece->shift);
+		}
+		ply_face(to, g, piece->flags ? piece->flags[i] : 0);
+	}
+	return 0;
+}
+
+static const struct format_fixed ply_fixed = {PLY_VERTEX, ply_front, ply_fixed_vertices, ply_fixed_faces};
+
 static void *ply_free(void *writer)
 {
 	struct ply *p = writer;
@@ -270,4 +349,5 @@ const struct format format_ply = {
 	.free = ply_free,
 	.save = ply_save,
 	.resume = ply_resume,
+	.fixed = &ply_fixed,
 };

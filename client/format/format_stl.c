@@ -116,14 +116,21 @@ static void triangle(const struct stl *s, const int32_t (*position)[3], const ui
 }
 
 /* Those of the triangles: other vertices are not written. */
-static int check_corners(const struct stl *s, const struct format_block *block, struct err *err)
+static int check_corners(const struct stl *s, const int32_t (*position)[3], const uint32_t (*triangle)[3], uint32_t n,
+			 struct err *err)
 {
 	int32_t range[2][3] = FORMAT_FLOAT_NOTHING;
 
-	for (uint32_t i = 0; i < block->mesh->ntriangle; i++)
+	for (uint32_t i = 0; i < n; i++)
 		for (int j = 0; j < 3; j++)
-			format_float_range(range, block->position[block->mesh->triangle[i][j]]);
+			format_float_range(range, position[triangle[i][j]]);
 	return format_float_check(&s->floats, (const int32_t(*)[3])range, err);
+}
+
+static int too_many(struct err *err)
+{
+	err_set(err, ERR_LIMIT, "STL cannot count more than 4294967295 triangles");
+	return err_add_hint(err, "write PLY or OBJ, or tiles: --tile");
 }
 
 static int stl_block(void *writer, const struct format_block *block, struct err *err)
@@ -131,11 +138,9 @@ static int stl_block(void *writer, const struct format_block *block, struct err 
 	struct stl *s = writer;
 	const struct acut_mesh_block *b = block->mesh;
 
-	if (s->nface + b->ntriangle > UINT32_MAX) {
-		err_set(err, ERR_LIMIT, "STL cannot count more than 4294967295 triangles");
-		return err_add_hint(err, "write PLY or OBJ, or tiles: --tile");
-	}
-	if (check_corners(s, block, err))
+	if (s->nface + b->ntriangle > UINT32_MAX)
+		return too_many(err);
+	if (check_corners(s, block->position, b->triangle, b->ntriangle, err))
 		return -err->code;
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		uint8_t *to = outfile_room(s->body, STL_TRIANGLE, err);
@@ -149,20 +154,58 @@ static int stl_block(void *writer, const struct format_block *block, struct err 
 	return 0;
 }
 
+static void stl_header(const struct stl *s, uint32_t n, uint8_t header[STL_HEADER])
+{
+	memcpy(header, s->text, STL_TEXT);
+	memcpy(header + STL_TEXT, &n, sizeof(n));
+}
+
 static int stl_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
 {
 	struct stl *s = writer;
-	uint32_t n = (uint32_t)s->nface;
 	uint8_t header[STL_HEADER];
 	int r;
 
-	memcpy(header, s->text, STL_TEXT);
-	memcpy(header + STL_TEXT, &n, sizeof(n));
+	stl_header(s, (uint32_t)s->nface, header);
 	if (s->body == s->out)
 		return outfile_patch(s->out, 0, header, sizeof(header), err);
 	r = outfile_write(s->out, header, sizeof(header), err);
 	return r ? r : outfile_join(s->out, s->body, STL_TRIANGLE, err);
 }
+
+/* ---- by several processes ---- */
+
+static int stl_front(void *writer, const struct acut_mesh_head *head, const struct acut_mesh_tail *tail, uint8_t **ret,
+		     size_t *ret_size, size_t *ret_triangle, struct err *err)
+{
+	struct stl *s = writer;
+	uint8_t *header;
+	int r = tail->triangles > UINT32_MAX ? too_many(err) : stl_begin(s, head, err);
+
+	if (r)
+		return r;
+	header = malloc(STL_HEADER);
+	if (!header)
+		return err_set(err, ERR_NOMEM, "no memory for a header");
+	stl_header(s, (uint32_t)tail->triangles, header);
+	*ret = header;
+	*ret_size = STL_HEADER;
+	*ret_triangle = STL_TRIANGLE;
+	return 0;
+}
+
+static int stl_fixed_triangles(const void *writer, const struct format_piece *piece, uint32_t first, uint32_t n, uint8_t *to,
+			       struct err *err)
+{
+	const struct stl *s = writer;
+	int r = check_corners(s, piece->position, piece->triangle + first, n, err);
+
+	for (uint32_t i = first; i < first + n && !r; i++, to += STL_TRIANGLE)
+		triangle(s, piece->position, piece->triangle[i], to);
+	return r;
+}
+
+static const struct format_fixed stl_fixed = {0, stl_front, NULL, stl_fixed_triangles};
 
 static void *stl_free(void *writer)
 {
@@ -189,4 +232,5 @@ const struct format format_stl = {
 	.free = stl_free,
 	.save = stl_save,
 	.resume = stl_resume,
+	.fixed = &stl_fixed,
 };

@@ -90,10 +90,17 @@ struct outfile_held {
 	uint64_t size, inode;
 };
 int outfile_held(const struct outfile *, struct outfile_held *ret, struct err *err); /* of one that was published */
-/* Gives it the name `path`; does nothing if another process has done that. -ERR_GONE: it is neither there nor here. */
+/* Gives it the name `path`; does nothing if another process has done that. -ERR_GONE: it is neither there nor here.
+ * -ERR_CORRUPT: it is there, but is another file or of another size. */
 int outfile_settle(const char *path, const char *tag, const struct outfile_held *, bool no_clobber, struct err *err);
 /* Removes what is held for `path` by that tag, if it is there. */
 void outfile_held_drop(const char *path, const char *tag);
+
+/* One that several processes write, each at places of its own. `make` makes it, empty and durable, and `open` opens it, for
+ * outfile_patch (-ERR_GONE: it is not there any more). It stays when the process ends, until it gets its name. */
+int outfile_shared_make(const char *path, bool no_clobber, const char *tag, struct err *err);
+int outfile_shared_open(const char *path, const char *tag, struct outfile **ret, struct err *err);
+int outfile_shared_sync(struct outfile *, struct err *err);
 
 /* ---- a folder of files that appear together ---- */
 

@@ -119,6 +119,24 @@ int outfile_settle_at(int dirfd, const char *from, const char *name, const struc
 	return err_sys(err, failed, "the output cannot be given its name");
 }
 
+/* By a descriptor: what another machine has written is seen once a file is opened. */
+static int check_held(int dirfd, const char *from, const struct outfile_held *held, struct err *err)
+{
+	struct err absent = ERR_INIT;
+	struct stat st;
+	int fd = -1, r = 0;
+
+	if (io_open(dirfd, from, O_RDONLY | O_NOFOLLOW, 0, &fd, &absent))
+		return 0; /* renaming it tells more */
+	if (fstat(fd, &st))
+		r = err_sys(err, errno, "cannot look at a complete output");
+	else if ((uint64_t)st.st_size != held->size || (uint64_t)st.st_ino != held->inode)
+		r = err_set(err, ERR_CORRUPT, "the complete output %s has %llu bytes, and was made with %llu, or is another file",
+			    from, (unsigned long long)st.st_size, (unsigned long long)held->size);
+	io_close(fd);
+	return r;
+}
+
 int outfile_settle(const char *path, const char *tag, const struct outfile_held *held, bool no_clobber, struct err *err)
 {
 	struct io_place p;
@@ -130,6 +148,8 @@ int outfile_settle(const char *path, const char *tag, const struct outfile_held 
 	from = held_name(p.name, tag);
 	if (!from)
 		r = err_set(err, ERR_NOMEM, "no memory for a file name");
+	if (!r)
+		r = check_held(p.dirfd, from, held, err);
 	if (!r)
 		r = outfile_settle_at(p.dirfd, from, p.name, held, no_clobber, err);
 	if (!r) {
@@ -157,4 +177,61 @@ void outfile_held_drop(const char *path, const char *tag)
 		io->unlinkat(p.dirfd, name, 0);
 	free(name);
 	io_place_done(&p);
+}
+
+/* ---- one that several processes write ---- */
+
+int outfile_shared_make(const char *path, bool no_clobber, const char *tag, struct err *err)
+{
+	struct outfile *o = NULL;
+	int r = outfile_new(path, no_clobber, &o, err);
+
+	if (!r)
+		r = outfile_hold(o, tag, err);
+	if (!r)
+		r = outfile_publish(o, err);
+	outfile_free(o);
+	return r;
+}
+
+static int open_held(struct outfile *o, const char *path, const char *tag, struct err *err)
+{
+	struct io_place p;
+	char *name;
+	int r = io_place_find(path, true, &p, err);
+
+	if (r)
+		return err_add_file(err, path);
+	name = held_name(p.name, tag);
+	r = name ? io_open(p.dirfd, name, O_WRONLY | O_NOFOLLOW, 0, &o->fd, err) :
+		   err_set(err, ERR_NOMEM, "no memory for a file name");
+	if (r && err->sys == ENOENT) {
+		err_clear(err);
+		err_set(err, ERR_GONE, "the output %s is not there any more", name);
+		r = err_add_file(err, path);
+	}
+	o->own_fd = o->seekable = !r;
+	free(name);
+	io_place_done(&p);
+	return r;
+}
+
+int outfile_shared_open(const char *path, const char *tag, struct outfile **ret, struct err *err)
+{
+	struct outfile *o = outfile_alloc(path, err);
+	int r;
+
+	if (!o)
+		return -(int)err->code;
+	r = open_held(o, path, tag, err);
+	if (r)
+		outfile_free(o);
+	else
+		*ret = o;
+	return r;
+}
+
+int outfile_shared_sync(struct outfile *o, struct err *err)
+{
+	return io_sync(o->fd, o->label, err);
 }

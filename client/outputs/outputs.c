@@ -82,6 +82,7 @@ static struct outputs_target *target_free(struct outputs_target *t)
 		t->format->free(t->writer);
 	for (unsigned i = 0; i < t->nbeside; i++)
 		outfile_free(t->beside[i]);
+	outputs_stripes_free(t->stripes);
 	outfile_free(t->out);
 	free(t);
 	return NULL;
@@ -163,10 +164,11 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 		return err_set(err, ERR_NOMEM, "no memory for an output");
 	t->format = format;
 	t->opt = *opt;
-	if (path)
-		r = outfile_new(path, opt->no_clobber, &t->out, err);
 	t->part = run->opt.part;
-	if (!r && path && t->part)
+	if (path)
+		r = run->opt.share_of ? outfile_shared_open(path, t->part, &t->out, err) :
+					outfile_new(path, opt->no_clobber, &t->out, err);
+	if (!r && path && t->part && !run->opt.share_of)
 		r = outfile_hold(t->out, t->part, err);
 	if (!r && path)
 		r = outputs_beside_open(t, path, err);
@@ -212,6 +214,8 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 		r = outputs_head_copy(&run->head, head, &run->err);
 	if (!r && outputs_keep_goes_on(run))
 		return outputs_keep_head(run, head, &run->err);
+	if (!r && run->opt.share_of)
+		return outputs_share_head(run, head, &run->err);
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
 		r = target_head(t, head, &run->err);
 	if (!r && run->change)
@@ -333,7 +337,7 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 		r = outputs_hull_rest(run->hull, run_write, run, &run->err);
 	if (!r)
 		r = tail_of(run, tail, &written);
-	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
+	for (struct outputs_target *t = run->target; t && !r && !run->opt.share_of; t = t->next) {
 		if (t->canonical)
 			r = outputs_canonical_finish(t->canonical, &run->err);
 		t->canonical = outputs_canonical_free(t->canonical);
@@ -394,6 +398,8 @@ int outputs_publish(struct outputs *run, struct err *err)
 		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
 	if (run->opt.joins)
 		return outputs_part_publish(run, err);
+	if (run->opt.share_of)
+		return outputs_share_publish(run, err);
 	if (run->change && outputs_change_publish(run->change, &run->origin, &run->bytes, err))
 		return -err->code;
 	for (struct outputs_target *t = run->target; t; t = t->next) {

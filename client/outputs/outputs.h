@@ -23,6 +23,14 @@ enum outputs_cut { OUTPUTS_MASK, OUTPUTS_ERASE, OUTPUTS_CUTS };
 /* What leaves triangles out, in this order: one that several would leave out counts for the first. */
 enum outputs_reason { OUTPUTS_BY_HULL, OUTPUTS_BY_MASK, OUTPUTS_BY_ERASE, OUTPUTS_BY_EDGE, OUTPUTS_REASONS };
 
+/* Of one of several processes that write the same files (outputs_share.c): its share of the mesh. */
+struct outputs_share {
+	uint32_t index, tasks;
+	uint64_t vertices[2], triangles[2]; /* how many are before its share, and before the next one; the shares ascend */
+	uint64_t block;                     /* bytes; nobody else writes into a block of the file in which it writes */
+	struct acut_mesh_tail tail;         /* of the whole mesh */
+};
+
 struct outputs_options {
 	struct outputs_length max_edge;  /* triangles with a longer xy edge are left out */
 	struct outputs_length trim_hull; /* and those that are reached from outside through edges that are longer than this */
@@ -40,7 +48,8 @@ struct outputs_options {
 	 * Else what the part of this run is called in the names that files have until they are joined: characters of file names.
 	 */
 	const char *part;
-	bool joins;        /* it joins the parts, and gets head and tail, but no blocks */
+	bool joins;                           /* it joins the parts, and gets head and tail, but no blocks */
+	const struct outputs_share *share_of; /* all parts write the same files, which outfile_shared_make has made; else NULL */
 	uint64_t share[2]; /* of a part with tiles: from which tile on, and which is the last (outputs_tile_code) */
 };
 
@@ -120,6 +129,14 @@ int outputs_part(const struct outputs *, uint8_t **ret, size_t *ret_size, struct
 int outputs_join(struct outputs *, const char *part, const void *bytes, size_t size, struct err *err);
 /* Removes the files of a part that was published and counts for nothing. */
 void outputs_part_drop(const struct outputs *);
+
+/* With share_of: between head and tail, in place of blocks. Whether some of these are in the bytes of this process: the number of
+ * the first, and how many. Then the caller gives them all, vertices with their numbers in the file. `count`: these triangles
+ * belong to the statistics of this process. */
+bool outputs_share_wants(const struct outputs *, const uint64_t vertices[2], const uint64_t triangles[2]);
+int outputs_share_vertices(struct outputs *, uint64_t first, const int32_t (*)[3], uint64_t n, struct err *err);
+int outputs_share_triangles(struct outputs *, uint64_t first, const struct format_piece *, uint32_t n, bool count,
+			    struct err *err);
 
 /* The place of a tile among all of a mesh: columns and rows from the first ones of the box of the head, their bits in turn, those
  * of columns first from below. Tiles with codes that follow each other lie close to each other. */

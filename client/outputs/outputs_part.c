@@ -325,6 +325,8 @@ void outputs_part_drop(const struct outputs *run)
 {
 	const struct outputs_joined *j = &run->joined;
 
+	if (run->opt.share_of)
+		return; /* others write them, too */
 	if (j->folder)
 		outfile_folder_drop(j->folder, run->opt.part);
 	for (size_t i = 0; i < j->moves.n && !j->folder; i++)

@@ -14,6 +14,7 @@
 struct outputs_change;
 struct outputs_levels;
 struct outputs_moves;
+struct outputs_stripes;
 struct outputs_tiles;
 
 /* Where a mesh is from, for the indexes of tiles and changes. */
@@ -209,7 +210,8 @@ struct outputs_target {
 	struct outfile *beside[OUTPUTS_BESIDE]; /* those of the format, and the sidecar */
 	unsigned nbeside;
 	struct outputs_canonical *canonical;
-	const char *part; /* of the run */
+	const char *part;                /* of the run */
+	struct outputs_stripes *stripes; /* NULL: no other process writes the file */
 	struct outputs_target *next;
 };
 
@@ -237,6 +239,10 @@ struct outputs {
 	struct outputs_kept *kept;    /* NULL: nothing is */
 	struct outputs_joined joined;
 };
+/* outputs_share.c */
+int outputs_share_head(struct outputs *, const struct acut_mesh_head *, struct err *err);
+int outputs_share_publish(struct outputs *, struct err *err);
+struct outputs_stripes *outputs_stripes_free(struct outputs_stripes *);
 /* outputs_part.c. A file of a part that was published, and of the run that joins: what outputs_publish does there. */
 int outputs_part_file(struct outputs *, const struct outfile *, struct err *err);
 int outputs_part_publish(struct outputs *, struct err *err);

@@ -185,6 +185,34 @@ size_t store_pack_memory(const struct store_pack_entry *e)
 	return store_layout_of(&d).total;
 }
 
+size_t store_pack_front_bytes(const struct store_pack_entry *e)
+{
+	const struct mesh_domain d = {.nvertex = e->nvertex, .nopen = e->nopen};
+
+	return store_layout_of(&d).open_end;
+}
+
+int store_pack_front(const struct store_pack *k, const struct store_pack_entry *e, void *memory, struct mesh_domain *ret,
+		     struct err *err)
+{
+	struct store_header h;
+	struct store_front f;
+	struct store_extent extent;
+	int r = header_read(k, e, &f, &h, err);
+
+	if (r)
+		return r;
+	extent = store_extent_of(&f.domain, &h.code, f.beside.proof_size);
+	r = io_read_at(k->fd, memory, extent.open, e->at + extent.open_at, k->name, err);
+	f.domain.link = memory;
+	f.domain.vertex = (struct mesh_vertex *)((uint8_t *)memory + store_layout_of(&f.domain).vertex);
+	if (!r && store_open_sum(&f.domain) != h.sums.open)
+		r = wrong(k, e->at, "a checksum of a domain does not agree", err);
+	if (!r)
+		*ret = f.domain;
+	return r;
+}
+
 int store_pack_get(const struct store_pack *k, const struct store_pack_entry *e, void *memory, size_t size,
 		   struct mesh_domain *ret, struct err *err)
 {

@@ -59,6 +59,11 @@ int store_pack_open(int fd, const char *name, struct store_pack *ret, struct err
 int store_pack_entries(const struct store_pack *, uint64_t first, size_t n, struct store_pack_entry *ret, struct err *err);
 /* The numbers of a domain, from its header, which must agree with the entry; no pointer of *ret is valid. */
 int store_pack_head(const struct store_pack *, const struct store_pack_entry *, struct store_front *ret, struct err *err);
+/* Reads and checks the links and the open vertices alone, to `memory` (8-byte aligned) of store_pack_front_bytes; *ret has these
+ * two arrays and no others. */
+size_t store_pack_front_bytes(const struct store_pack_entry *);
+int store_pack_front(const struct store_pack *, const struct store_pack_entry *, void *memory, struct mesh_domain *ret,
+		     struct err *err);
 /* Reads the whole domain to `memory` (8-byte aligned) of at least store_pack_memory bytes, and checks all of it. */
 size_t store_pack_memory(const struct store_pack_entry *);
 int store_pack_get(const struct store_pack *, const struct store_pack_entry *, void *memory, size_t size, struct mesh_domain *ret,

@@ -148,6 +148,52 @@ def every_format():
         os.unlink(os.path.join(base, "both.obj"))
 
 
+def records(path):
+    """Of an STL: its head, and its triangles in an order that does not depend on the run: each from its least corner on."""
+    with open(path, "rb") as f:
+        data = f.read()
+
+    def turned(b):
+        corners = [b[12:24], b[24:36], b[36:48]]
+        first = corners.index(min(corners))
+        return corners[first:] + corners[:first]
+    return data[:84], sorted(turned(data[i:i + 50]) for i in range(84, len(data), 50))
+
+
+def by_all_tasks():
+    """One PLY and one STL that all tasks write at once have the triangles of acutd's, for several tasks and blocks."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
+        files = inputs(base, 2, 30000)
+        first, mesh = os.path.join(base, "d.stl"), os.path.join(base, "d.ply")
+        shown = d.ctl("mesh", *files, "-o", mesh, "-o", first, "--origin", "auto", "--json").ok().json()
+        want = records(first)
+        for gathers, block in ((2, 4096), (5, 1 << 16), (7, 1 << 22)):
+            folder, out = os.path.join(base, "w%d" % gathers), os.path.join(base, "out%d" % gathers)
+            os.mkdir(folder)
+            os.mkdir(out)
+            work = Work(folder, files, gathers=gathers)
+            path, ply, stl = work.fresh(), os.path.join(out, "x.ply"), os.path.join(out, "x.stl")
+            words = ["-o", ply, "-o", stl, "--origin", "auto"]
+            env = dict(ENV, PHASES_BLOCK=str(block))
+            for i in range(gathers):
+                run([PHASES, "gather", path, str(i), *words], env=env).ok()
+            run([PHASES, "finish", path, *words], env=env).ok()
+            got = json.loads(report(path))
+            for key in ("digest", "vertex_digest", "triangles", "vertices", "hull"):
+                expect(got[key] == shown[key], "%s is %s, not %s" % (key, got[key], shown[key]))
+            expect(got["output_bytes"] == os.path.getsize(ply) + os.path.getsize(stl), str(got))
+            for key in ("longest", "median", "long_share"):
+                expect(abs(got["edges"][key] - shown["edges"][key]) < 1e-9, "%s %s" % (got["edges"], shown["edges"]))
+            expect(sorted(os.listdir(out)) == ["x.ply", "x.stl"], str(os.listdir(out)))
+            expect([os.path.getsize(x) for x in (ply, stl)] == [os.path.getsize(x) for x in (mesh, first)], "sizes differ")
+            expect(records(stl) == want, "other triangles with %d tasks" % gathers)
+            run([e2e.VERIFY, ply, *files]).ok()
+            # what needs the mesh in order is still made by one task
+            expect(len([n for n in os.listdir(path) if n.startswith("gather-")]) == gathers, "not every task wrote")
+        path = work.write("-o", os.path.join(base, "one.ply"), "--max-edge", "1")
+        expect(len([n for n in os.listdir(path) if n.startswith("gather-")]) == 1, str(os.listdir(path)))
+
+
 def tiles():
     with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
         both = Both(base, d)
@@ -428,6 +474,6 @@ def adopted_in_little_space():
         expect(d.ctl("cache", "stat", "--json").ok().json()["kinds"]["domains"]["bytes"] <= 1 << 20, "more than the quota")
 
 
-GROUPS = {"formats": [every_format], "tiles": [tiles],
+GROUPS = {"formats": [every_format, by_all_tasks], "tiles": [tiles],
           "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, too_many_tiles, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))

@@ -7,6 +7,7 @@
  *   phases check POINTS OPTIONS   whether so many points can be written
  *
  * OPTIONS are those of acutctl mesh that outputs have. PHASES_MEMORY in the environment: bytes, in place of those of the run.
+ * PHASES_BLOCK: bytes of a file that one task writes alone.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -162,6 +163,8 @@ static int late(const char *phase, int argc, char **argv)
 		p.memory = work_about(work)->memory;
 		if (getenv("PHASES_MEMORY"))
 			p.memory = strtoull(getenv("PHASES_MEMORY"), NULL, 10);
+		if (getenv("PHASES_BLOCK"))
+			p.block = strtoull(getenv("PHASES_BLOCK"), NULL, 10);
 		r = gather_check(&options, 0, &err);
 	}
 	if (!r && one)

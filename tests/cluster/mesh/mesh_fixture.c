@@ -27,6 +27,8 @@ static void commit(const struct run *run)
 	work_end(a);
 }
 
+uint32_t run_gathers;
+
 void run_make(struct run *run, const char *folder, struct set set, unsigned segments, uint32_t tasks)
 {
 	struct work_about about = {.id = 7, .memory = 64 << 20};
@@ -39,6 +41,8 @@ void run_make(struct run *run, const char *folder, struct set set, unsigned segm
 	snprintf(run->folder, sizeof run->folder, "%s", folder);
 	about.tasks[WORK_COMMIT] = about.tasks[WORK_PLAN] = 1;
 	about.tasks[WORK_MESH] = tasks;
+	about.tasks[WORK_GATHER] = run_gathers;
+	about.tasks[WORK_FINISH] = run_gathers > 0;
 	CHECK(work_make(folder, &about, NULL, 0, &run->work, &err));
 	work_set_patience(run->work, 0);
 	data.fd = openat(work_fd(run->work), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY);
@@ -290,4 +294,27 @@ int status_of(pid_t pid)
 
 	assert_int_equal(waitpid(pid, &status, 0), pid);
 	return status;
+}
+
+struct set small_set(uint64_t *seed)
+{
+	enum { SHAPE_LINE = SHAPES, SHAPE_FEW, SHAPE_GRID, SHAPE_CONVEX, ALL };
+	unsigned shape = (unsigned)random_below(seed, ALL);
+	size_t n = (size_t)random_below(seed, random_below(seed, 4) ? 300 : 8);
+	struct set s;
+
+	if (!n)
+		n = 1;
+	s = set_make(shape < SHAPES ? (enum shape)shape : SHAPE_UNIFORM, n, 5, random_next(seed));
+	for (size_t i = 0; i < n && shape >= SHAPES; i++) {
+		int32_t at = (int32_t)random_below(seed, 500);
+		struct point *p = &s.pts[i];
+
+		p->x = shape == SHAPE_LINE ? 3 * at : shape == SHAPE_CONVEX ? at : (int32_t)random_below(seed, 9);
+		p->y = shape == SHAPE_LINE   ? 2 * at - 700 :
+		       shape == SHAPE_CONVEX ? at * at :
+		       shape == SHAPE_FEW    ? (int32_t)random_below(seed, 2) :
+					       (int32_t)random_below(seed, 9);
+	}
+	return s;
 }

@@ -16,6 +16,9 @@ struct run {
 	uint32_t tasks;
 	struct mesh_phase_params p;
 };
+/* On few places, lines and grids, or anywhere: at most 300 points. */
+struct set small_set(uint64_t *seed);
+extern uint32_t run_gathers; /* tasks of gather that runs get from now on; 0 at first */
 /* The set becomes the run's. */
 void run_make(struct run *, const char *folder, struct set set, unsigned segments, uint32_t tasks);
 void run_remove(struct run *);

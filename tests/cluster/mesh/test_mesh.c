@@ -30,30 +30,6 @@ static const char *const VIEWS[] = {"", "ask 1 class=2,3", "ask 1 duplicates=hig
 
 /* ---- small sets by the thousand ---- */
 
-/* On few places, lines and grids, or anywhere. */
-static struct set small_set(uint64_t *seed)
-{
-	enum { SHAPE_LINE = SHAPES, SHAPE_FEW, SHAPE_GRID, SHAPE_CONVEX, ALL };
-	unsigned shape = (unsigned)random_below(seed, ALL);
-	size_t n = (size_t)random_below(seed, random_below(seed, 4) ? 300 : 8);
-	struct set s;
-
-	if (!n)
-		n = 1;
-	s = set_make(shape < SHAPES ? (enum shape)shape : SHAPE_UNIFORM, n, 5, random_next(seed));
-	for (size_t i = 0; i < n && shape >= SHAPES; i++) {
-		int32_t at = (int32_t)random_below(seed, 500);
-		struct point *p = &s.pts[i];
-
-		p->x = shape == SHAPE_LINE ? 3 * at : shape == SHAPE_CONVEX ? at : (int32_t)random_below(seed, 9);
-		p->y = shape == SHAPE_LINE   ? 2 * at - 700 :
-		       shape == SHAPE_CONVEX ? at * at :
-		       shape == SHAPE_FEW    ? (int32_t)random_below(seed, 2) :
-					       (int32_t)random_below(seed, 9);
-	}
-	return s;
-}
-
 static void test_small(void **state)
 {
 	uint64_t first = repeat_first(), triangles = 0, flat = 0, empty = 0, idle = 0;

@@ -2,7 +2,8 @@
  * The phase gather: a task makes a part of the outputs.
  *
  * Files of a mesh with triangles, in tiles, are divided among all tasks: each has some tiles, reads the domains that meet these,
- * and gives the outputs their triangles. Whatever needs the whole mesh is made by the first task alone: one file, rasters and
+ * and gives the outputs their triangles. Binary PLY and STL are written by all tasks at once (gather_share.c), if no option looks
+ * at more than a record at a time. Whatever else needs the whole mesh is made by the first task alone: one file, rasters and
  * lines (which divide themselves after they are drawn), and what is trimmed from the hull. The other tasks then have nothing to
  * do.
  */
@@ -10,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "feed.h"
 #include "gather_priv.h"
 #include "io.h"
 
@@ -24,11 +26,16 @@ static const struct format *tile_format(const struct ctl_fetch_options *a)
 	return format_find(o.format ? o.format : "ply");
 }
 
-bool gather_divides(const struct ctl_fetch_options *a)
+static bool divides_tiles(const struct ctl_fetch_options *a)
 {
 	const struct format *f = a->tile ? tile_format(a) : NULL;
 
 	return f && !a->trim_hull && (f->kind == FORMAT_MESH || (f->kind == FORMAT_PICTURE && !ctl_fetch_output(a, 1).cell));
+}
+
+bool gather_divides(const struct ctl_fetch_options *a)
+{
+	return divides_tiles(a) || gather_shares(a);
 }
 
 /* One that is written as PLY, without --tile. */
@@ -71,14 +78,20 @@ int gather_check(const struct ctl_fetch_options *a, uint64_t claimed_points, str
 
 /* ---- a task ---- */
 
+enum division { BY_NOTHING, BY_TILES, BY_RECORDS };
+
 struct task {
 	const struct gather_params *p;
 	uint32_t index;
+	enum division divides;
 	struct work_attempt *attempt;
 	struct gather_input in;
 	struct gather_tiles *tiles; /* NULL: they are not divided */
 	uint64_t share[2];
 	struct outputs *run;
+	struct gather_places *places; /* NULL: no file is written by all tasks */
+	struct stream_head *head;
+	struct feed feed;
 	bool published;
 	char part[GATHER_PART];
 };
@@ -136,7 +149,8 @@ static bool on_wanted(void *ctx, const struct store_pack_entry *e)
 /* What is left of the memory for the table of open vertices and the sorts of the outputs. */
 static int memory_left(const struct task *t, uint64_t *ret, struct err *err)
 {
-	const uint64_t held = PROCESS + t->in.held + t->in.sums.memory, need = held + LEAST;
+	const uint64_t places = t->divides == BY_RECORDS ? gather_places_bytes(t->in.sums.domains) : 0,
+		       held = PROCESS + t->in.held + t->in.sums.memory + places, need = held + LEAST;
 
 	if (t->p->memory < need) {
 		err->need = need;
@@ -210,13 +224,104 @@ static int write_list(struct task *t, struct err *err)
 	return r ? r : work_result(t->attempt, "part", t->part, err);
 }
 
+/* ---- files that all tasks write ---- */
+
+static int given_up(void *ctx)
+{
+	const struct task *t = ctx;
+	struct err ignored = ERR_INIT;
+	struct work_record *record = NULL;
+
+	if (work_record_look(t->p->work, WORK_GATHER, t->index, &record, &ignored))
+		return 0;
+	work_record_free(record);
+	return 1;
+}
+
+static int record_shared(const struct task *t, const struct gather_share_sums *s, struct err *err)
+{
+	const struct {
+		const char *key;
+		uint64_t value;
+	} of[] = {{"vertices", s->vertices}, {"triangles", s->triangles},       {"domains", s->domains},
+		  {"extra", s->extra},       {"looked_up", s->place.looked_up}, {"tables", s->place.tables}};
+	char text[DIGEST_HEX_SIZE];
+	int r = 0;
+
+	for (size_t i = 0; i < sizeof(of) / sizeof(of[0]) && !r; i++)
+		r = work_result_u64(t->attempt, of[i].key, of[i].value, err);
+	if (!r)
+		r = work_result(t->attempt, "digest", digest_hex(s->digest, text), err);
+	return r ? r : work_result(t->attempt, "vertex_digest", digest_hex(s->vertex_digest, text), err);
+}
+
+/* Head, records, tail. */
+static int write_shared(struct task *t, const struct stream_tail *tail, const size_t range[2], struct gather_share_sums *sums,
+			struct err *err)
+{
+	struct acut_mesh_sink sink = outputs_sink(t->run);
+	int r;
+
+	t->feed.sink = &sink;
+	gather_head(&t->in, t->head);
+	r = feed_begin(&t->feed, t->head, err);
+	if (!r)
+		r = feed_head(&t->feed, t->head, err);
+	if (!r)
+		r = gather_share_write(&t->in, t->places, range, t->run, given_up, t, sums, err);
+	if (!r)
+		r = feed_tail(&t->feed, tail, err);
+	if (r && outputs_error(t->run)->code) {
+		*err = *outputs_error(t->run);
+		r = -(int)err->code;
+	}
+	return r ? r : outputs_publish(t->run, err);
+}
+
+static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
+{
+	const struct stream_tail tail = gather_tail(&t->in.sums);
+	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	struct outputs_share share = {.block = gather_share_block(t->p),
+				      .tail = {.vertices = tail.vertices,
+					       .triangles = tail.triangles,
+					       .digest = digest_hex(tail.digest, digest),
+					       .vertex_digest = digest_hex(tail.vertex_digest, vertex_digest)}};
+	const struct outputs_options opt = {
+		.part = t->part, .share_of = &share, .interrupted = t->p->interrupted, .ctx = t->p->ctx};
+	struct gather_share_sums sums = {.vertices = 0};
+	char own[GATHER_PART];
+	uint64_t memory = 0;
+	size_t range[2];
+	int r = memory_left(t, &memory, err);
+
+	memcpy(own, t->part, sizeof(own));
+	t->head = calloc(1, sizeof(*t->head));
+	if (!r && !t->head)
+		r = err_set(err, ERR_NOMEM, "no memory to write a mesh");
+	if (!r)
+		r = gather_places_new(&t->in, memory / 4, &t->places, err);
+	if (!r)
+		r = gather_share_agree(t->p, t->attempt, own, t->part, err);
+	if (r)
+		return r;
+	gather_share_of(t->places, &t->in.sums, t->index, tasks, range, &share);
+	r = ctl_fetch_make(t->p->outputs, &opt, &t->run, err);
+	if (!r)
+		r = write_shared(t, &tail, range, &sums, err);
+	return r ? r : record_shared(t, &sums, err);
+}
+
 static int run(struct task *t, struct err *err)
 {
 	const uint32_t tasks = work_about(t->p->work)->tasks[WORK_GATHER];
-	bool divides = gather_divides(t->p->outputs) && tasks > 1, any = !t->index;
+	bool divides, any = !t->index;
 	int r = 0;
 
-	if (!divides && t->index)
+	if (tasks > 1)
+		t->divides = divides_tiles(t->p->outputs) ? BY_TILES : gather_shares(t->p->outputs) ? BY_RECORDS : BY_NOTHING;
+	divides = t->divides == BY_TILES;
+	if (!t->divides && t->index)
 		return 0;
 	if (divides)
 		r = gather_tiles_new(t->p, t->p->memory / 8, &t->tiles, err);
@@ -224,6 +329,10 @@ static int run(struct task *t, struct err *err)
 		r = gather_input_read(&t->in, t->p, divides ? on_entry : NULL, t, err);
 	if (!r)
 		r = gather_check_ply(t->p->outputs, t->in.sums.vertices, "mesh has", err);
+	if (!r && t->divides == BY_RECORDS) {
+		r = share_outputs(t, tasks, err);
+		return r ? r : write_list(t, err);
+	}
 	if (!r && divides)
 		r = gather_tiles_check(t->tiles, err);
 	if (!r && divides)
@@ -256,7 +365,10 @@ int gather_task(const struct gather_params *p, uint32_t index, struct err *err)
 		if (r < 0 && r != -ERR_CANCELLED)
 			work_fail(t.attempt, err);
 	}
+	feed_done(&t.feed);
 	outputs_free(t.run);
+	gather_places_free(t.places);
+	free(t.head);
 	gather_tiles_free(t.tiles);
 	gather_input_done(&t.in);
 	work_end(t.attempt);

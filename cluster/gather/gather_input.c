@@ -162,6 +162,23 @@ static int walk_pack(const struct gather_input *in, const struct store_pack *pac
 	return r;
 }
 
+int gather_pack_open(const struct gather_input *in, uint32_t i, int *ret_fd, struct store_pack *ret, struct err *err)
+{
+	int fd = -1, r = work_file_open(in->p->work, in->pack[i].name, in->pack[i].size, &fd, err);
+
+	if (!r)
+		r = store_pack_open(fd, in->pack[i].name, ret, err);
+	if (!r && !digest_equal(ret->of, in->plan.of)) {
+		err_set(err, ERR_CORRUPT, "the pack is of another mesh");
+		r = err_add_file(err, in->pack[i].name);
+	}
+	if (r)
+		io_close(fd);
+	else
+		*ret_fd = fd;
+	return r;
+}
+
 int gather_walk(const struct gather_input *in, const struct gather_walk *w, struct err *err)
 {
 	struct store_pack_entry *entry = calloc(ENTRIES, sizeof(*entry));
@@ -173,13 +190,7 @@ int gather_walk(const struct gather_input *in, const struct gather_walk *w, stru
 
 		if (!*in->pack[i].name)
 			continue;
-		r = work_file_open(in->p->work, in->pack[i].name, in->pack[i].size, &fd, err);
-		if (!r)
-			r = store_pack_open(fd, in->pack[i].name, &pack, err);
-		if (!r && !digest_equal(pack.of, in->plan.of)) {
-			err_set(err, ERR_CORRUPT, "the pack is of another mesh");
-			r = err_add_file(err, in->pack[i].name);
-		}
+		r = gather_pack_open(in, i, &fd, &pack, err);
 		if (!r)
 			r = walk_pack(in, &pack, w, entry, err);
 		io_close(fd);
@@ -224,4 +235,17 @@ void gather_head(const struct gather_input *in, struct stream_head *head)
 	head->box[2] = any ? INT32_MIN : 0;
 	head->box[5] = any ? INT32_MAX : 0;
 	head->id = in->plan.of;
+}
+
+struct stream_tail gather_tail(const struct gather_sums *s)
+{
+	struct stream_tail tail = {.vertices = s->vertices,
+				   .triangles = s->triangles,
+				   .hull = s->hull,
+				   .digest = s->digest,
+				   .vertex_digest = s->vertex_digest,
+				   .report = "{}"};
+
+	memcpy(tail.box, s->box, sizeof(tail.box));
+	return tail;
 }

@@ -2,6 +2,7 @@
 #ifndef GATHER_PRIV_H
 #define GATHER_PRIV_H
 
+#include "cut.h"
 #include "err.h"
 #include "gather.h"
 #include "grid_manifest.h"
@@ -52,8 +53,12 @@ struct gather_walk {
 	void *ctx;
 };
 int gather_walk(const struct gather_input *, const struct gather_walk *, struct err *err);
+/* Pack i, open; *ret_fd is the caller's. */
+int gather_pack_open(const struct gather_input *, uint32_t i, int *ret_fd, struct store_pack *ret, struct err *err);
 /* What a stream of acutd says first of the same mesh. `wkt` and `view` are borrowed. */
 void gather_head(const struct gather_input *, struct stream_head *ret);
+/* What it says last. */
+struct stream_tail gather_tail(const struct gather_sums *);
 int gather_interrupted(const struct gather_params *, struct err *err);
 
 /* ---- gather.c ---- */
@@ -72,6 +77,57 @@ void gather_part_name(const struct gather_params *, uint32_t index, uint64_t att
 /* Emits the wanted domains to the sink, checked. `part`: they are not all; else the mesh must be whole. */
 int gather_emit(const struct gather_input *, bool part, bool (*wanted)(void *ctx, const struct store_pack_entry *), void *ctx,
 		const struct acut_mesh_sink *, size_t memory, struct pipe_totals *ret, struct err *err);
+
+/* ---- gather_place.c: the number of each vertex in a file that all tasks write ---- */
+
+/* A domain, in the order of the plan. */
+struct gather_place {
+	struct cut_region region;
+	uint32_t pack, entry; /* of the index of that pack */
+	uint32_t nvertex, nopen, ntriangle;
+	uint64_t own, first, first_triangle; /* positions of the region; how many positions and triangles are before */
+	int32_t box[6];
+};
+struct gather_place_counts {
+	uint64_t looked_up; /* corners in regions of other domains */
+	uint64_t tables;    /* domains whose open vertices were read for that, again if they were forgotten */
+	uint64_t found;     /* positions that no triangle of their own domain uses, again likewise */
+};
+struct gather_places;
+uint64_t gather_places_bytes(uint64_t domains);
+/* `memory`: for what is kept of neighbours. The input is borrowed. */
+int gather_places_new(const struct gather_input *, uint64_t memory, struct gather_places **ret, struct err *err);
+struct gather_places *gather_places_free(struct gather_places *);
+const struct gather_place *gather_place(const struct gather_places *, size_t *ret_n);
+/* The pack stays open until others were. */
+int gather_place_entry(struct gather_places *, size_t domain, const struct store_pack **ret_pack, struct store_pack_entry *ret,
+		       struct err *err);
+/* The last positions of the domain's region: those that are not among its vertices. Valid until the next number is asked for. */
+int gather_place_extras(struct gather_places *, size_t domain, const struct mesh_vertex **ret, size_t *ret_n, struct err *err);
+/* Of a corner that its domain's region does not hold. */
+int gather_place_number(struct gather_places *, const struct mesh_vertex *, uint64_t *ret, struct err *err);
+struct gather_place_counts gather_place_counts(const struct gather_places *);
+
+/* ---- gather_share.c: files that all tasks write ---- */
+
+bool gather_shares(const struct ctl_fetch_options *);
+/* The name of the parts; makes the files, with the name `own`, if no attempt has. */
+int gather_share_agree(const struct gather_params *, struct work_attempt *, const char *own, char part[GATHER_PART],
+		       struct err *err);
+/* The domains of a task, and its share but for the tail. */
+void gather_share_of(const struct gather_places *, const struct gather_sums *, uint32_t index, uint32_t tasks, size_t range[2],
+		     struct outputs_share *ret);
+uint64_t gather_share_block(const struct gather_params *);
+/* Of the domains of a task: what it has written. */
+struct gather_share_sums {
+	uint64_t domains, vertices, triangles; /* domains: that were read, with those of others */
+	uint64_t extra;                        /* positions that no triangle of their own domain uses */
+	struct digest digest, vertex_digest;
+	struct gather_place_counts place;
+};
+/* `given_up`: another attempt has done the task. */
+int gather_share_write(const struct gather_input *, struct gather_places *, const size_t range[2], struct outputs *,
+		       int (*given_up)(void *ctx), void *ctx, struct gather_share_sums *ret, struct err *err);
 
 /* ---- gather_tiles.c: which tiles are whose ---- */
 

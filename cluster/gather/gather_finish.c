@@ -26,6 +26,8 @@ struct finish {
 	uint32_t nparts;
 	int64_t begun_us; /* of the first task */
 	uint64_t peak;
+	bool shared;                      /* all tasks have written the same files */
+	struct gather_share_sums written; /* by them */
 	char own[GATHER_PART];
 };
 
@@ -57,6 +59,43 @@ static int read_list(const struct finish *f, const struct work_file *file, uint8
 	return r;
 }
 
+/* What a task has written of files that all of them write. */
+static int add_written(struct finish *f, const struct work_record *record, struct err *err)
+{
+	const char *digest = work_record_text(record, "digest"), *vertex_digest = work_record_text(record, "vertex_digest");
+	struct digest sum[2];
+	uint64_t vertices = 0, triangles = 0;
+	int r = work_record_u64(record, "vertices", &vertices, err);
+
+	if (!r)
+		r = work_record_u64(record, "triangles", &triangles, err);
+	if (!r && !(digest && digest_parse(digest, &sum[0]) && vertex_digest && digest_parse(vertex_digest, &sum[1])))
+		r = err_set(err, ERR_CORRUPT, "the record of gather %u has no digests", record->task);
+	if (r)
+		return r;
+	f->written.vertices += vertices;
+	f->written.triangles += triangles;
+	digest_add(&f->written.digest, sum[0]);
+	digest_add(&f->written.vertex_digest, sum[1]);
+	return 0;
+}
+
+/* All tasks together have written the mesh of the packs. */
+static int check_shared(const struct finish *f, struct err *err)
+{
+	const struct gather_share_sums *w = &f->written;
+	const struct gather_sums *s = &f->in.sums;
+
+	if (w->vertices == s->vertices && w->triangles == s->triangles && digest_equal(w->digest, s->digest) &&
+	    digest_equal(w->vertex_digest, s->vertex_digest))
+		return 0;
+	return err_set(
+		err, ERR_DIGEST,
+		"the tasks of gather have written %llu vertices and %llu triangles, or other ones, and the mesh has %llu and %llu",
+		(unsigned long long)w->vertices, (unsigned long long)w->triangles, (unsigned long long)s->vertices,
+		(unsigned long long)s->triangles);
+}
+
 static int join_one(struct finish *f, uint32_t task, struct err *err)
 {
 	struct work_record *record = NULL;
@@ -69,6 +108,8 @@ static int join_one(struct finish *f, uint32_t task, struct err *err)
 		f->peak = record->peak > f->peak ? record->peak : f->peak;
 		part = work_record_text(record, "part");
 	}
+	if (!r && f->shared)
+		r = add_written(f, record, err);
 	if (!r && record->nfile && !part)
 		r = err_set(err, ERR_CORRUPT, "the record of task %u of gather has no part", task);
 	if (!r && record->nfile)
@@ -127,19 +168,12 @@ static int join(struct finish *f, struct err *err)
 				      .tiles_most = UINT32_MAX,
 				      /* gather has refused too many */ .interrupted = given_up,
 				      .ctx = f};
-	const struct gather_sums *s = &f->in.sums;
-	struct stream_tail tail = {.vertices = s->vertices,
-				   .triangles = s->triangles,
-				   .hull = s->hull,
-				   .digest = s->digest,
-				   .vertex_digest = s->vertex_digest,
-				   .report = "{}"};
+	const struct stream_tail tail = gather_tail(&f->in.sums);
 	struct acut_mesh_sink sink;
 	int r = ctl_fetch_make(f->p->outputs, &opt, &f->run, err);
 
 	if (r)
 		return r;
-	memcpy(tail.box, s->box, sizeof(tail.box));
 	sink = outputs_sink(f->run);
 	f->feed.sink = &sink;
 	gather_head(&f->in, f->head);
@@ -148,6 +182,8 @@ static int join(struct finish *f, struct err *err)
 		r = from_run(f, feed_head(&f->feed, f->head, err), err);
 	if (!r)
 		r = join_all(f, err);
+	if (!r && f->shared)
+		r = check_shared(f, err);
 	if (!r)
 		r = from_run(f, feed_tail(&f->feed, &tail, err), err);
 	outputs_about(f->run, 0, NULL, f->in.manifest->generation);
@@ -301,6 +337,7 @@ static int run(struct finish *f, struct err *err)
 	int r = gather_input_read(&f->in, f->p, NULL, NULL, err);
 
 	f->head = calloc(1, sizeof(*f->head));
+	f->shared = work_about(f->p->work)->tasks[WORK_GATHER] > 1 && gather_shares(f->p->outputs);
 	if (!r && !f->head)
 		r = err_set(err, ERR_NOMEM, "no memory to finish a run");
 	if (!r)
