@@ -2,6 +2,7 @@
 corrected poses replace the first ones; texts and LAS files are passed on."""
 import json
 import os
+import pty
 import random
 import select
 import signal
@@ -163,6 +164,26 @@ def a_damaged_digit():
             expect(dataset(d, name)["points"] == got["points"], "%s" % dataset(d, name))
         r = push(d, path, "--pose", damaged("most", set(range(2, len(rows), 2))), "--crs", "EPSG:32632", "--into", "most")
         expect(r.status == 1 and "too far from the first one" in r.err and "a.spool" in r.err, "%d %s" % (r.status, r.err))
+
+
+def poses_take_long():
+    """A terminal shows how much of a pose file was read."""
+    with Folder() as base:
+        path, poses, _ = survey(base, "a")
+        child, terminal = pty.fork()
+        if not child:
+            os.environ["TERM"] = "xterm"
+            scan = os.environ["ACUT_SCAN"]
+            os.execv(scan, [scan, "push", path, "--pose", poses, "-o", base + "/shown.las", "--crs", "EPSG:32632"])
+        seen = b""
+        try:
+            while more := os.read(terminal, 65536):
+                seen += more
+        except OSError:  # the program has closed its terminal
+            pass
+        os.close(terminal)
+        expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, seen)
+        expect(b"a.csv: " in seen and b" of " in seen, seen)
 
 
 def planes():
@@ -500,6 +521,6 @@ def exactly_once():
 
 if __name__ == "__main__":
     only = sys.argv[1:]
-    cases = (same_as_a_file, corrected_poses, said_clearly, a_damaged_digit, planes, no_guess, heights, text_and_las, compressed, growing, clock_set, many_spools, answers_are_lost,
+    cases = (same_as_a_file, corrected_poses, said_clearly, a_damaged_digit, poses_take_long, planes, no_guess, heights, text_and_las, compressed, growing, clock_set, many_spools, answers_are_lost,
              exactly_once)
     main(*[c for c in cases if not only or c.__name__ in only])
