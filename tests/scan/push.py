@@ -317,6 +317,28 @@ def text_and_las():
         expect([g["state"] for g in lines(push(d, path, "--into", "l", "--json"))] == ["known", "known"], "not known")
 
 
+def enormous():
+    """A coordinate with more digits than a text may have is a bad line, which is left out. One that is only far away refuses the
+    spool by name, as it does a file; other spools of the push count."""
+    with Folder() as base, Daemon(base) as d:
+        rng = random.Random(5)
+        rows = ["%.3f %.3f %.3f" % (rng.uniform(0, 900), rng.uniform(0, 900), rng.uniform(0, 9)) for _ in range(400)]
+
+        def of(name, n, *more):
+            text = "\n".join(rows[:200] + list(more) + rows[200:]) + "\n"
+            return spool(os.path.join(base, name), [(DATA, 1, text.encode())], XYZ, "%032x" % n)
+
+        got, = lines(push(d, of("digits.spool", 1, "1e25 1 1", "1 -12345678901234567890 1", "1 1 1e-30"), "--into", "s", "--json"))
+        expect(got["state"] == "staged" and got["points"] == 400 and got["bad_telegrams"] == 3, str(got))
+        good = of("good.spool", 2)
+        for i, row in enumerate(("123456789012345678 1 1", "1 -1e17 1", "1 1 4e12")):
+            far = of("far%d.spool" % i, 3 + i, row)
+            r = push(d, far, "--into", "far%d" % i)
+            expect(r.status == 1 and "far%d.spool" % i in r.err and "does not fit into 32 bits" in r.err, "%d %s" % (r.status, r.err))
+            r = push(d, far, good, "--into", "both%d" % i)
+            expect(r.status == 3 and "far%d.spool" % i in r.err and dataset(d, "both%d" % i)["points"] == 400, "%d %s" % (r.status, r.err))
+
+
 def compressed():
     """LAZ in a stream of LAS is refused by name, with a hint that works."""
     with Folder() as base, Daemon(base) as d:
@@ -521,6 +543,6 @@ def exactly_once():
 
 if __name__ == "__main__":
     only = sys.argv[1:]
-    cases = (same_as_a_file, corrected_poses, said_clearly, a_damaged_digit, poses_take_long, planes, no_guess, heights, text_and_las, compressed, growing, clock_set, many_spools, answers_are_lost,
+    cases = (same_as_a_file, corrected_poses, said_clearly, a_damaged_digit, poses_take_long, planes, no_guess, heights, text_and_las, enormous, compressed, growing, clock_set, many_spools, answers_are_lost,
              exactly_once)
     main(*[c for c in cases if not only or c.__name__ in only])
