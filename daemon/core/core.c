@@ -143,7 +143,7 @@ static void sweep_run(struct sched_task *t)
 
 static void sweep_done(struct sched_task *t)
 {
-	core_background_done(((struct sweep *)t)->core);
+	deferred_done(((struct sweep *)t)->core, t);
 	free(t);
 }
 

@@ -126,13 +126,14 @@ uint64_t charge_view_bytes(const char *text, unsigned areas);
 /* ---- deferred.c: work of a start that may wait ---- */
 
 void deferred_begin(struct core *);
-/* Submits the task as core_background does, at once or when deferral ends. */
+/* Submits the task as core_background does, at once or when deferral ends. Its `done` calls deferred_done. */
 void deferred_submit(struct core *, struct sched_task *);
+void deferred_done(struct core *, const struct sched_task *);
 /* Ends deferral if its time is over, or if there is work for clients. True: it has ended. */
 bool deferred_tick(struct core *, bool client_work);
 bool deferred_is_pending(const struct core *); /* deferral has not ended */
-void deferred_submit_all(struct core *);       /* ends deferral */
-void deferred_cancel_all(struct core *);       /* calls `done` of the tasks, which have not run */
+/* Ends deferral. Tasks that have not begun do not run. */
+void deferred_cancel_all(struct core *);
 
 /* ---- disk.c: the file systems, and the folders of the cache ---- */
 

@@ -25,7 +25,7 @@ struct core_private {
 	struct deferred {
 		uint64_t since_ns;
 		bool ended;
-		struct sched_task *task[2];
+		struct sched_task *task[2]; /* whose `done` was not called; submitted if `ended` */
 		unsigned n;
 	} deferred;
 	/* disk.c */

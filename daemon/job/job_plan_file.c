@@ -106,7 +106,7 @@ static void sweep_done(struct sched_task *t)
 {
 	struct sweep *s = (struct sweep *)t;
 
-	core_background_done(s->jobs->core);
+	deferred_done(s->jobs->core, t);
 	uncharge(s->jobs->core, s->n * sizeof *s->job);
 	free(s);
 }

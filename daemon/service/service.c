@@ -219,7 +219,7 @@ void service_stop(struct service *s)
 {
 	THREAD_LOOP_ONLY();
 	s->core->stopping = true;
-	deferred_submit_all(s->core);
+	deferred_cancel_all(s->core);
 	datasets_park(s->datasets);
 	jobs_park(s->jobs);
 	service_settle(s);

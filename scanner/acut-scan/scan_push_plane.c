@@ -9,7 +9,10 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "clock.h"
+#include "console.h"
 #include "err.h"
+#include "parse.h"
 #include "scan_push_plane.h"
 
 static bool known(const char *text)
@@ -148,8 +151,28 @@ int scan_push_plane(struct program *args, const struct scan_target *t, struct sc
 	return 0;
 }
 
+struct reading {
+	struct program *args;
+	double shown; /* when progress was */
+};
+
+static bool show_poses(void *ctx, uint64_t bytes, uint64_t size)
+{
+	struct reading *r = ctx;
+	double now = (double)clock_mono_ns() * 1e-9;
+	char done[32], all[32];
+
+	if (console_progress_on(&r->args->console) && now - r->shown >= 0.2) {
+		r->shown = now;
+		console_progress(&r->args->console, "%s: %s of %s", r->args->pose, parse_size_text(bytes, done),
+				 parse_size_text(size, all));
+	}
+	return scan_stopped();
+}
+
 int scan_push_poses(struct program *args, const struct scan_plane *plane, int fd, struct pose_track **ret, struct err *err)
 {
+	struct reading reading = {.args = args};
 	const struct pose_params params = {
 		.to = plane->has_to ? &plane->to : NULL,
 		.degrees = plane->has_degrees ? &plane->degrees : NULL,
@@ -161,10 +184,13 @@ int scan_push_poses(struct program *args, const struct scan_plane *plane, int fd
 		.grid_scale = args->grid_scale,
 		.gap_s = args->gap_s,
 		.offset_s = args->pose_offset_s,
+		.told = show_poses,
+		.ctx = &reading,
 	};
 
 	int r = pose_track_read(fd, args->pose, &params, ret, err);
 
+	console_progress_clear(&args->console);
 	if (!r && args->geoid && !pose_track_span(*ret)->ellipsoidal) {
 		*ret = pose_track_free(*ret);
 		err_set(err, ERR_USAGE, "--geoid makes ellipsoidal heights orthometric, and the poses have a column height");

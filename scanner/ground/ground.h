@@ -46,6 +46,9 @@ struct pose_params {
 	bool grid_scale;       /* scales lengths by the plane's scale at the head */
 	double gap_s;          /* poses farther apart than this are a gap; 0: POSE_GAP_S */
 	double offset_s;       /* added to the times of the poses */
+	/* called now and then while the file is read, with its bytes; true: it ends with -ERR_CANCELLED. NULL: nobody is told */
+	bool (*told)(void *ctx, uint64_t bytes, uint64_t size);
+	void *ctx;
 };
 #define POSE_GAP_S 1.5
 

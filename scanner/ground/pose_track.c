@@ -138,15 +138,26 @@ static void box_longitudes(struct boxes *b, const struct pose_row *row)
 	b->high.max[0] = fmax(b->high.max[0], lon < 0 ? lon + 360 : lon);
 }
 
-static int read_rows(struct pose_track *t, struct pose_box *box, struct err *err)
+/* After each block of the file. */
+static int tell(const struct pose_track *t, const struct pose_params *p, uint64_t *told, struct err *err)
+{
+	if (!p->told || t->lines.at == *told)
+		return 0;
+	*told = t->lines.at;
+	return p->told(p->ctx, t->lines.at, (uint64_t)t->st.st_size) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
+}
+
+static int read_rows(struct pose_track *t, const struct pose_params *p, struct pose_box *box, struct err *err)
 {
 	struct boxes wide = {.low = *box, .high = *box};
 	struct pose_row row;
-	uint64_t offset;
+	uint64_t offset, told = 0;
 	char *line;
 	int r;
 
 	while ((r = pose_lines_next(&t->lines, &line, &offset, err)) > 0) {
+		if (tell(t, p, &told, err))
+			return -(int)err->code;
 		r = pose_row_read(&t->form, line, &row, err);
 		if (!r)
 			r = row_check(t, &row, box, err);
@@ -194,7 +205,7 @@ static int read_all(struct pose_track *t, const struct pose_params *p, struct er
 	else if (r > 0 && (r = pose_form_read(line, &t->form, err)))
 		in_line(t->lines.line, err);
 	if (!r)
-		r = read_rows(t, &box, err);
+		r = read_rows(t, p, &box, err);
 	if (!r)
 		r = pose_plane_choose(p, &t->form, &box, t->name, &t->plane, err);
 	t->span.hash = digest_stream_end(hash);

@@ -2,6 +2,7 @@
 corrected poses replace the first ones; texts and LAS files are passed on."""
 import json
 import os
+import pty
 import random
 import select
 import signal
@@ -165,6 +166,26 @@ def a_damaged_digit():
         expect(r.status == 1 and "too far from the first one" in r.err and "a.spool" in r.err, "%d %s" % (r.status, r.err))
 
 
+def poses_take_long():
+    """A terminal shows how much of a pose file was read."""
+    with Folder() as base:
+        path, poses, _ = survey(base, "a")
+        child, terminal = pty.fork()
+        if not child:
+            os.environ["TERM"] = "xterm"
+            scan = os.environ["ACUT_SCAN"]
+            os.execv(scan, [scan, "push", path, "--pose", poses, "-o", base + "/shown.las", "--crs", "EPSG:32632"])
+        seen = b""
+        try:
+            while more := os.read(terminal, 65536):
+                seen += more
+        except OSError:  # the program has closed its terminal
+            pass
+        os.close(terminal)
+        expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, seen)
+        expect(b"a.csv: " in seen and b" of " in seen, seen)
+
+
 def planes():
     """The dataset's own plane; combinations that do not fit are refused."""
     with Folder() as base, Daemon(base) as d:
@@ -294,6 +315,28 @@ def text_and_las():
         expect([g["state"] for g in got] == ["staged", "staged"] and [g["points"] for g in got] == [3000, 3000], str(got))
         expect(digest(d, "l") == digest(d, "g"), "another mesh than that of the files")
         expect([g["state"] for g in lines(push(d, path, "--into", "l", "--json"))] == ["known", "known"], "not known")
+
+
+def enormous():
+    """A coordinate with more digits than a text may have is a bad line, which is left out. One that is only far away refuses the
+    spool by name, as it does a file; other spools of the push count."""
+    with Folder() as base, Daemon(base) as d:
+        rng = random.Random(5)
+        rows = ["%.3f %.3f %.3f" % (rng.uniform(0, 900), rng.uniform(0, 900), rng.uniform(0, 9)) for _ in range(400)]
+
+        def of(name, n, *more):
+            text = "\n".join(rows[:200] + list(more) + rows[200:]) + "\n"
+            return spool(os.path.join(base, name), [(DATA, 1, text.encode())], XYZ, "%032x" % n)
+
+        got, = lines(push(d, of("digits.spool", 1, "1e25 1 1", "1 -12345678901234567890 1", "1 1 1e-30"), "--into", "s", "--json"))
+        expect(got["state"] == "staged" and got["points"] == 400 and got["bad_telegrams"] == 3, str(got))
+        good = of("good.spool", 2)
+        for i, row in enumerate(("123456789012345678 1 1", "1 -1e17 1", "1 1 4e12")):
+            far = of("far%d.spool" % i, 3 + i, row)
+            r = push(d, far, "--into", "far%d" % i)
+            expect(r.status == 1 and "far%d.spool" % i in r.err and "does not fit into 32 bits" in r.err, "%d %s" % (r.status, r.err))
+            r = push(d, far, good, "--into", "both%d" % i)
+            expect(r.status == 3 and "far%d.spool" % i in r.err and dataset(d, "both%d" % i)["points"] == 400, "%d %s" % (r.status, r.err))
 
 
 def compressed():
@@ -500,6 +543,6 @@ def exactly_once():
 
 if __name__ == "__main__":
     only = sys.argv[1:]
-    cases = (same_as_a_file, corrected_poses, said_clearly, a_damaged_digit, planes, no_guess, heights, text_and_las, compressed, growing, clock_set, many_spools, answers_are_lost,
+    cases = (same_as_a_file, corrected_poses, said_clearly, a_damaged_digit, poses_take_long, planes, no_guess, heights, text_and_las, enormous, compressed, growing, clock_set, many_spools, answers_are_lost,
              exactly_once)
     main(*[c for c in cases if not only or c.__name__ in only])

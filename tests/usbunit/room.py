@@ -268,6 +268,17 @@ def which():
         b.tool(fail=(2, "port:1-1", "port:1-2"))
 
 
+def two_at_once():
+    """One process captures two devices: each file has the bytes of its own device, also when the other one is unplugged."""
+    for faults in ((), ("at %d unplug" % (64 << 10),)):
+        with Run(scanner(name="a", serial="S1", source="pattern 2 MB") +
+                 scanner(name="b", serial="S2", port="1-2", source="pattern 1 MB", seed=7, faults=list(faults))) as b:
+            r = b.tool("--device", "serial:S1", "--second", "serial:S2", "--second-out", b.path("second"), "--bytes", str(1 << 20))
+            b.whole(r, 0)
+            expect(sha256(b.path("second")) == r.model(1)["sha256"], "the second device gave other bytes: %s" % r.out)
+            expect(r.model(0)["sha256"] != r.model(1)["sha256"], "the devices gave the same")
+
+
 def parked():
     """A slow receiver (it keeps each buffer until all others are full, and 2 ms more) gets all bytes, and transfers wait for
     it."""
@@ -328,7 +339,7 @@ def idle():
         b.whole(b.done(p))
 
 
-CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, drivers, without_udev, dropped, storage, listed_or_told, which,
+CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, drivers, without_udev, dropped, storage, listed_or_told, which, two_at_once,
          parked, half_filled, not_given_back, memory, misfit, idle]
 
 if __name__ == "__main__":

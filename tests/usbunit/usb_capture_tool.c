@@ -43,6 +43,7 @@ struct tool {
 	uint64_t bytes, got, parks;
 	unsigned slow_ms, hold, changes;
 	const char *memory, *waits;
+	const char *second, *second_out; /* another device, captured at the same time */
 	bool until_parked, list, again, wait, debug, drop, stopped, stop_sent;
 	int out_fd, stop_fd;
 	struct usb *usb;
@@ -82,6 +83,10 @@ static bool arguments(struct tool *t, int argc, char **argv)
 			t->memory = next;
 		else if (!strcmp(a, "--out") && ++i)
 			t->out = next;
+		else if (!strcmp(a, "--second") && ++i)
+			t->second = next;
+		else if (!strcmp(a, "--second-out") && ++i)
+			t->second_out = next;
 		else if (!strcmp(a, "--until-parked"))
 			t->until_parked = true;
 		else if (!strcmp(a, "--waits") && ++i)
@@ -206,10 +211,24 @@ static bool take_all(struct tool *t, struct usb_capture *c, enum usb_end *ret)
 	return false;
 }
 
+static void end_capture(const struct tool *t, struct usb_capture *c)
+{
+	struct usb_counts counts;
+
+	usb_capture_counts(c, &counts);
+	printf("counts transfers=%llu bytes=%llu shorts=%llu stalls=%llu overflows=%llu timeouts=%llu errors=%llu parked=%llu "
+	       "parked_ns=%llu in_flight=%u with_error=%llu after_gap=%llu bad_order=%llu\n",
+	       (unsigned long long)counts.transfers, (unsigned long long)counts.bytes, (unsigned long long)counts.shorts,
+	       (unsigned long long)counts.stalls, (unsigned long long)counts.overflows, (unsigned long long)counts.timeouts,
+	       (unsigned long long)counts.errors, (unsigned long long)counts.parked, (unsigned long long)counts.parked_ns,
+	       counts.in_flight, (unsigned long long)t->with_error, (unsigned long long)t->after_gap,
+	       (unsigned long long)t->bad_order);
+	usb_capture_free(c);
+}
+
 static enum usb_end capture(struct tool *t, struct usb_capture *c)
 {
 	enum usb_end end = USB_END_STOPPED;
-	struct usb_counts counts;
 
 	for (;;) {
 		struct pollfd p[2] = {{usb_capture_fd(c), POLLIN, 0}, {t->stop_fd, POLLIN, 0}};
@@ -227,15 +246,7 @@ static enum usb_end capture(struct tool *t, struct usb_capture *c)
 		if (p[0].revents && take_all(t, c, &end))
 			break;
 	}
-	usb_capture_counts(c, &counts);
-	printf("counts transfers=%llu bytes=%llu shorts=%llu stalls=%llu overflows=%llu timeouts=%llu errors=%llu parked=%llu "
-	       "parked_ns=%llu in_flight=%u with_error=%llu after_gap=%llu bad_order=%llu\n",
-	       (unsigned long long)counts.transfers, (unsigned long long)counts.bytes, (unsigned long long)counts.shorts,
-	       (unsigned long long)counts.stalls, (unsigned long long)counts.overflows, (unsigned long long)counts.timeouts,
-	       (unsigned long long)counts.errors, (unsigned long long)counts.parked, (unsigned long long)counts.parked_ns,
-	       counts.in_flight, (unsigned long long)t->with_error, (unsigned long long)t->after_gap,
-	       (unsigned long long)t->bad_order);
-	usb_capture_free(c);
+	end_capture(t, c);
 	return end;
 }
 
@@ -275,6 +286,11 @@ static int watch(struct tool *t)
 	return 0;
 }
 
+static int open_out(const char *path)
+{
+	return path ? open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600) : -1;
+}
+
 static int run(struct tool *t, const struct profile *profile)
 {
 	struct usb_capture *c;
@@ -300,6 +316,44 @@ static int run(struct tool *t, const struct profile *profile)
 		if (!wait_for_one(t))
 			return 0;
 	}
+}
+
+/* Two captures of one process, side by side, until both have given what was wanted. */
+static int run_two(struct tool *first, const struct profile *profile)
+{
+	struct tool other = *first, *t[2] = {first, &other};
+	struct usb_capture *c[2] = {NULL, NULL};
+	struct usb_device device;
+	struct err err = ERR_INIT;
+	unsigned open = 0;
+
+	other.device = first->second;
+	other.out_fd = open_out(first->second_out);
+	for (; open < 2; open++)
+		if (usb_find(first->usb, t[open]->device, &device, &err) ||
+		    usb_capture_start(first->usb, &device, profile, &c[open], &err))
+			return fail(&err);
+	while (open) {
+		struct pollfd p[2] = {{c[0] ? usb_capture_fd(c[0]) : -1, POLLIN, 0},
+				      {c[1] ? usb_capture_fd(c[1]) : -1, POLLIN, 0}};
+
+		poll(p, 2, -1);
+		for (int i = 0; i < 2; i++) {
+			enum usb_end end;
+
+			if (!c[i] || !p[i].revents)
+				continue;
+			if (take_all(t[i], c[i], &end)) {
+				end_capture(t[i], c[i]);
+				c[i] = NULL;
+				open--;
+			} else if (t[i]->got >= t[i]->bytes && !t[i]->stop_sent) {
+				t[i]->stop_sent = true;
+				usb_capture_stop(c[i]);
+			}
+		}
+	}
+	return 0;
 }
 
 /* The file of the kernel's parameter, in umockdev's folder for /sys. */
@@ -340,8 +394,7 @@ int main(int argc, char **argv)
 	t.stop_fd = signalfd(-1, &stop, SFD_CLOEXEC);
 	if (profile_set_read(folders, &set, &err) || (t.profile && profile_entry_read(t.profile, &profile, &err)))
 		return fail(&err);
-	if (t.out)
-		t.out_fd = open(t.out, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+	t.out_fd = open_out(t.out);
 	if (usb_new(set, &t.usb, &err))
 		return fail(&err);
 	usb_set_stop_fd(t.usb, t.stop_fd);
@@ -352,6 +405,8 @@ int main(int argc, char **argv)
 		r = list(&t);
 	else if (t.watch)
 		r = watch(&t);
+	else if (t.second)
+		r = run_two(&t, &profile->profile);
 	else
 		r = run(&t, &profile->profile);
 	usb_free(t.usb);

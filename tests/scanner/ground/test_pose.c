@@ -232,6 +232,44 @@ static void many(void **state)
 	pose_track_free(t);
 }
 
+struct told {
+	uint64_t bytes, size, stop; /* stop: at the n-th call; 0: never */
+	unsigned calls;
+};
+
+static bool told(void *ctx, uint64_t bytes, uint64_t size)
+{
+	struct told *t = ctx;
+
+	assert_true(bytes > t->bytes && bytes <= size);
+	t->bytes = bytes;
+	t->size = size;
+	return ++t->calls == t->stop;
+}
+
+/* Whoever waits is told how far the reading is, and can end it. */
+static void progress(void **state)
+{
+	enum { N = 10000 };
+	static char text[64 * N];
+	size_t n = (size_t)sprintf(text, PLANE);
+	struct told all = {0}, part = {.stop = 2};
+	struct pose_params p = {.told = told, .ctx = &all};
+	struct pose_track *t = NULL;
+	struct err err;
+
+	for (int i = 0; i < N; i++)
+		n += (size_t)sprintf(text + n, "%d,500000,5000000,%d,0,0,0\n", 1700000000 + i, i);
+	pose_track_free(try_track(text, &p));
+	assert_int_equal(all.bytes, n);
+	assert_int_equal(all.size, n);
+	assert_true(all.calls >= n >> 16 && all.calls <= (n >> 16) + 2);
+	p.ctx = &part;
+	assert_int_equal(try_read(text, &p, &t, &err), -ERR_CANCELLED);
+	assert_true(part.calls == 2 && part.bytes < n);
+	assert_null(t);
+}
+
 static void changes(void **state)
 {
 	char text[4096], *at = text;
@@ -324,10 +362,11 @@ static void borders(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(times),   cmocka_unit_test(leaps),         cmocka_unit_test(forms),
-		cmocka_unit_test(refused), cmocka_unit_test(long_line),     cmocka_unit_test(other_hands),
-		cmocka_unit_test(utf16),   cmocka_unit_test(gaps_and_ends), cmocka_unit_test(many),
-		cmocka_unit_test(changes), cmocka_unit_test(systems),       cmocka_unit_test(borders),
+		cmocka_unit_test(times),    cmocka_unit_test(leaps),         cmocka_unit_test(forms),
+		cmocka_unit_test(refused),  cmocka_unit_test(long_line),     cmocka_unit_test(other_hands),
+		cmocka_unit_test(utf16),    cmocka_unit_test(gaps_and_ends), cmocka_unit_test(many),
+		cmocka_unit_test(progress), cmocka_unit_test(changes),       cmocka_unit_test(systems),
+		cmocka_unit_test(borders),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
