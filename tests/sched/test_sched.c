@@ -349,6 +349,7 @@ static void hanging(void **state)
 		last[i].gate = &gate2;
 		last[i].task.lengthy = last[i].task.reads = true;
 		sched_submit(s, &last[i].task);
+		wait_started(N + 2 + 1);
 	}
 	sched_submit(s, &other.task);
 	wait_done(s, 2 + N + 1);
