@@ -134,10 +134,11 @@ int acut_config(struct acut *, void (*each)(void *ctx, const struct acut_setting
 /* ---- push ---- */
 
 struct acut_progress {
-	const char *phase; /* "stage", "hash" (points are bytes), "seal", "select", "simplify", "check", "mesh" */
+	const char *phase; /* "probe", "stage", "hash" (points are bytes), "seal", "select", "simplify", "check", "mesh" */
 	uint64_t points, points_total, domains, domains_total;
 	double seconds_left; /* of a job, at the pace of late, without waiting; 0: not known */
-	const char *waiting; /* what a job waits for, in words; "": nothing */
+	const char
+		*waiting; /* what a job waits for, in words; "stalled-file: NAME": a file of a push gives nothing; "": nothing */
 };
 typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 

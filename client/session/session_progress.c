@@ -43,12 +43,14 @@ const char *session_progress_time(double s, char buf[24])
 /* What the job waits for, in the words of the command jobs. */
 static const char *waits_text(const char *waiting, char buf[128])
 {
-	static const char space[] = "waiting-space: ";
+	static const char space[] = "waiting-space: ", file[] = "stalled-file: ";
 	uint64_t bytes;
 	char size[32];
 
 	if (!strncmp(waiting, space, sizeof(space) - 1) && parse_u64(waiting + sizeof(space) - 1, &bytes))
 		snprintf(buf, 128, "%s of disk space are lacking", parse_size_text(bytes, size));
+	else if (!strncmp(waiting, file, sizeof(file) - 1))
+		snprintf(buf, 128, "%.90s gives nothing", waiting + sizeof(file) - 1);
 	else
 		snprintf(buf, 128, "waits for %.100s", waiting);
 	return buf;
@@ -63,6 +65,20 @@ static void note_space(struct session_progress *p, const struct acut_progress *n
 	if (lacks && !p->printed_space)
 		console_note(&p->session->console, "%s", waits_text(now->waiting, text));
 	p->printed_space = lacks;
+}
+
+/* Noted once: it may last until somebody mends the file system. */
+static void note_file(struct session_progress *p, const struct acut_progress *now)
+{
+	static const char file[] = "stalled-file: ";
+	bool stalled = now->waiting && !strncmp(now->waiting, file, sizeof(file) - 1);
+
+	if (stalled && !p->printed_file)
+		console_note(
+			&p->session->console,
+			"%s gives nothing: does the file system that it is on answer? It is waited for; Ctrl-C ends the push",
+			now->waiting + sizeof(file) - 1);
+	p->printed_file = stalled;
 }
 
 static void draw(struct session_progress *p, const struct acut_progress *now)
@@ -111,6 +127,7 @@ void session_progress_show(void *ctx, const struct acut_progress *now)
 	struct session_progress *p = ctx;
 	uint64_t t = clock_mono_ns();
 
+	note_file(p, now);
 	if (!p->on) {
 		note_space(p, now);
 		return;

@@ -21,6 +21,7 @@
 
 #define PROGRESS_SECONDS 0.2
 #define IDLE_SECONDS 5.0 /* without a request: others may have the stage's memory */
+#define HOLD_SECONDS 5.0 /* a file has given nothing for so long: it is named, and others get the worker's place */
 
 struct push *push_free(struct push *p)
 {
@@ -426,16 +427,22 @@ void push_remove_files(struct push *p)
 static void report_progress(struct push *p, const struct push_request *rq)
 {
 	uint64_t hash_end = atomic_load(&p->hash_end), done = atomic_load(&p->progress), all = atomic_load(&p->claimed);
+	bool hangs = p->seen_ns && clock_since(p->seen_ns) >= HOLD_SECONDS;
+	char waiting[300] = "";
 
-	if (rq->kind != PUSH_FILE && rq->kind != PUSH_COMMIT && !hash_end)
+	if (rq->kind != PUSH_FILE && rq->kind != PUSH_COMMIT && !hash_end && !hangs)
 		return;
 	p->progress_ns = clock_mono_ns();
+	if (hangs)
+		snprintf(waiting, sizeof waiting, "stalled-file: %.280s", rq->name);
 	if (hash_end)
-		p->calls.progress(rq->token, "hash", atomic_load(&p->hashed), hash_end);
+		p->calls.progress(rq->token, "hash", atomic_load(&p->hashed), hash_end, waiting);
 	else if (rq->kind == PUSH_FILE)
-		p->calls.progress(rq->token, "stage", done, all);
+		p->calls.progress(rq->token, "stage", done, all, waiting);
+	else if (rq->kind == PUSH_PROBE)
+		p->calls.progress(rq->token, "probe", 0, 0, waiting);
 	else
-		p->calls.progress(rq->token, "seal", rq->sealing ? done : 0, rq->sealing ? all : 0);
+		p->calls.progress(rq->token, "seal", rq->sealing ? done : 0, rq->sealing ? all : 0, "");
 }
 
 /* How long the file that a worker reads has given nothing. */
@@ -449,6 +456,8 @@ static void watch_reading(struct push *p)
 	} else if (!p->seen_ns || p->seen_ns < run_ns || seen != p->seen) {
 		p->seen_ns = clock_mono_ns();
 		p->seen = seen;
+	} else if (clock_since(p->seen_ns) >= HOLD_SECONDS) {
+		sched_hold(p->pushes->core->p.sched, p->owner.flow);
 	}
 }
 

@@ -98,8 +98,8 @@ struct push_calls {
 	void (*aborted)(void *token);
 	/* Not answers: */
 	void (*durable)(void *ctx, uint64_t files); /* so many files survive an interruption of the push */
-	/* Progress of the request with that token; `total` 0: unknown. */
-	void (*progress)(void *token, const char *phase, uint64_t points, uint64_t total);
+	/* Progress of the request with that token; `total` 0: unknown. `waiting`: what it waits for, in words; "": nothing. */
+	void (*progress)(void *token, const char *phase, uint64_t points, uint64_t total, const char *waiting);
 	/* Watch `fd`, and call push_stream_ready once when it has bytes or has ended. *watch is NULL at first, and the caller's
 	 * to set; `unwatch` ends it. */
 	int (*watch)(void *ctx, struct push_stream *, int fd, void **watch, struct err *err);

@@ -9,6 +9,9 @@
  * Tasks are not interrupted. If all workers run lengthy tasks (reading a file, sealing a segment), a few spare threads run short
  * tasks, and one task of each user without a running one. The machine then shares its cores, which is better than waiting for
  * hours.
+ *
+ * A task that reads a client's file may hang for ever. When the loop says so (sched_hold), a new thread takes the place of its
+ * thread, which ends with the task.
  */
 #include "sched_pool.h"
 
@@ -35,7 +38,12 @@ enum { STACK_BYTES = 8 << 20 };
 #else
 enum { STACK_BYTES = 256 << 10 };
 #endif
-enum { STACK_TOUCHED = 128 << 10, BUFFER_BYTES = 64 << 10 };
+enum { STACK_TOUCHED = 128 << 10, BUFFER_BYTES = 64 << 10, THREAD_BYTES = STACK_TOUCHED + BUFFER_BYTES };
+
+struct place {
+	pthread_t thread;
+	enum { PLACE_EMPTY, PLACE_TAKEN, PLACE_LEFT } state; /* left: its thread is ending */
+};
 
 struct sched {
 	struct lock lock;
@@ -43,9 +51,10 @@ struct sched {
 	struct ledger *ledger;
 	struct sched_queue *queue;
 	struct sched_task *ended, **ended_end;
-	pthread_t *thread;
-	unsigned threads, started; /* threads; started: includes the spare ones, which are the last */
-	unsigned lengthy;          /* regular workers that run a lengthy task */
+	struct place *place; /* of threads: regular and spare ones, and those of held tasks */
+	unsigned threads;
+	unsigned lengthy; /* regular workers that run a lengthy task, and have their place */
+	unsigned held;    /* tasks */
 	unsigned busy;
 	uint64_t starved;
 	int event;
@@ -54,6 +63,7 @@ struct sched {
 
 struct worker {
 	struct sched *sched;
+	struct place *place;
 	bool spare;
 	bool pending_notice; /* something that the loop is not yet notified of */
 };
@@ -112,14 +122,16 @@ static void unlock_and_notify(struct worker *w)
 	w->pending_notice = false;
 }
 
-static void run_task(struct worker *w, struct sched_task *t)
+/* False: its place was taken meanwhile. */
+static bool run_task(struct worker *w, struct sched_task *t)
 {
 	struct sched *s = w->sched;
-	bool lengthy = t->lengthy && !w->spare, spare;
+	bool lengthy = t->lengthy && !w->spare, spare, held;
 	uint64_t begun;
 
 	assert(t->state == SCHED_TASK_WAITING);
 	t->state = SCHED_TASK_RUNNING;
+	t->spare = w->spare;
 	s->lengthy += lengthy;
 	spare = lengthy && s->lengthy == s->threads;
 	unlock_and_notify(w);
@@ -129,10 +141,28 @@ static void run_task(struct worker *w, struct sched_task *t)
 	t->ran = true;
 	t->run(t);
 	lock_take(&s->lock);
-	s->lengthy -= lengthy;
-	sched_queue_over(s->queue, t, clock_mono_ns() - begun);
+	held = t->held;
+	s->held -= held;
+	s->lengthy -= lengthy && !held;
+	/* The time in which it was held was nobody's. */
+	sched_queue_over(s->queue, t, (held ? t->held_ns : clock_mono_ns()) - begun);
 	add_ended(s, t);
 	w->pending_notice = true;
+	return !held;
+}
+
+/* The thread of a task that was held ends. */
+static void leave(struct worker *w)
+{
+	struct sched *s = w->sched;
+
+	assert(lock_held(LOCK_SCHED));
+	w->place->state = PLACE_LEFT;
+	ledger_give(s->ledger, LEDGER_THREAD, THREAD_BYTES);
+	/* Others may have waited for these bytes, or for the end of this task. */
+	pthread_cond_broadcast(&s->wake);
+	pthread_cond_broadcast(&s->wake_spare);
+	unlock_and_notify(w);
 }
 
 static void *worker_main(void *arg)
@@ -147,8 +177,12 @@ static void *worker_main(void *arg)
 		struct sched_task *t = take_task(&w);
 
 		if (t) {
-			run_task(&w, t);
-		} else if (w.pending_notice) {
+			if (run_task(&w, t))
+				continue;
+			leave(&w);
+			return NULL;
+		}
+		if (w.pending_notice) {
 			/* Notify before sleeping; a task may have come meanwhile, so look again. */
 			unlock_and_notify(&w);
 			lock_take(&s->lock);
@@ -164,40 +198,62 @@ static void *worker_main(void *arg)
 
 uint64_t sched_thread_bytes(unsigned threads)
 {
-	return (uint64_t)(threads + SPARES) * (STACK_TOUCHED + BUFFER_BYTES);
+	return (uint64_t)(threads + SPARES) * THREAD_BYTES;
 }
 
-/* Workers block all signals, so the loop gets them. */
-static int start_threads(struct sched *s, struct err *err)
+static struct place *free_place(struct sched *s)
 {
+	for (struct place *at = s->place; at < s->place + s->threads + SPARES + SCHED_HELD_MAX; at++) {
+		if (at->state == PLACE_LEFT) {
+			pthread_join(at->thread, NULL); /* it needs nothing any more */
+			at->state = PLACE_EMPTY;
+		}
+		if (at->state == PLACE_EMPTY)
+			return at;
+	}
+	return NULL;
+}
+
+/* Returns an errno. Workers block all signals, so the loop gets them. */
+static int start_thread(struct sched *s, bool spare)
+{
+	struct place *place = free_place(s);
+	struct worker *w = place ? malloc(sizeof *w) : NULL;
 	pthread_attr_t attr;
 	sigset_t all, old;
-	int r = 0;
+	int r;
 
+	if (!w)
+		return ENOMEM;
+	*w = (struct worker){.sched = s, .place = place, .spare = spare};
 	pthread_attr_init(&attr);
 	pthread_attr_setstacksize(&attr, STACK_BYTES);
 	sigfillset(&all);
 	pthread_sigmask(SIG_SETMASK, &all, &old);
-	while (s->started < s->threads + SPARES) {
-		struct worker *w = malloc(sizeof *w);
-
-		if (!w) {
-			r = ENOMEM;
-			break;
-		}
-		*w = (struct worker){.sched = s, .spare = s->started >= s->threads};
-		r = pthread_create(&s->thread[s->started], &attr, worker_main, w);
-		if (r) {
-			free(w);
-			break;
-		}
-		s->started++;
-	}
+	r = pthread_create(&place->thread, &attr, worker_main, w);
 	pthread_sigmask(SIG_SETMASK, &old, NULL);
 	pthread_attr_destroy(&attr);
+	if (r)
+		free(w);
+	else
+		place->state = PLACE_TAKEN;
+	return r;
+}
+
+static int start_threads(struct sched *s, struct err *err)
+{
+	unsigned n = 0;
+	int r = 0;
+
+	lock_take(&s->lock);
+	while (!r && n < s->threads + SPARES) {
+		r = start_thread(s, n >= s->threads);
+		n += !r;
+	}
+	lock_give(&s->lock);
 	if (!r)
 		return 0;
-	err_sys(err, r, "cannot start a worker thread, the %u. of %u", s->started + 1, s->threads + SPARES);
+	err_sys(err, r, "cannot start a worker thread, the %u. of %u", n + 1, s->threads + SPARES);
 	return r == EAGAIN ? err_add_hint(err, "give fewer --threads, or allow more tasks (TasksMax= of the unit, ulimit -u)") :
 			     -(int)err->code;
 }
@@ -215,10 +271,10 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 	s->ledger = ledger;
 	s->ended_end = &s->ended;
 	s->threads = threads;
-	s->thread = calloc(threads + SPARES, sizeof *s->thread);
+	s->place = calloc(threads + SPARES + SCHED_HELD_MAX, sizeof *s->place);
 	s->queue = sched_queue_new(ledger);
 	s->event = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-	if (!s->thread || !s->queue)
+	if (!s->place || !s->queue)
 		r = err_set(err, ERR_NOMEM, "no memory for %u threads", threads);
 	else if (s->event < 0)
 		r = err_sys(err, errno, "cannot make an eventfd");
@@ -262,8 +318,9 @@ struct sched *sched_free(struct sched *s)
 	pthread_cond_broadcast(&s->wake);
 	pthread_cond_broadcast(&s->wake_spare);
 	lock_give(&s->lock);
-	for (i = 0; i < s->started; i++)
-		pthread_join(s->thread[i], NULL);
+	for (i = 0; s->place && i < s->threads + SPARES + SCHED_HELD_MAX; i++)
+		if (s->place[i].state != PLACE_EMPTY)
+			pthread_join(s->place[i].thread, NULL);
 	if (s->event >= 0) {
 		sched_dispatch(s);
 		close(s->event);
@@ -271,7 +328,7 @@ struct sched *sched_free(struct sched *s)
 	pthread_cond_destroy(&s->wake);
 	pthread_cond_destroy(&s->wake_spare);
 	lock_done(&s->lock);
-	free(s->thread);
+	free(s->place);
 	sched_queue_free(s->queue);
 	free(s);
 	return NULL;
@@ -284,7 +341,7 @@ void sched_submit(struct sched *s, struct sched_task *t)
 	lock_take(&s->lock);
 	assert(t->state == SCHED_TASK_IDLE);
 	t->state = SCHED_TASK_WAITING;
-	t->ran = t->took = false;
+	t->ran = t->took = t->held = false;
 	s->busy++;
 	refused = s->stop || atomic_load(&t->cancel);
 	spare = s->lengthy == s->threads;
@@ -353,6 +410,43 @@ unsigned sched_dispatch(struct sched *s)
 		t->done(t);
 		n++;
 	}
+}
+
+/* Under the lock. */
+static void hold_task(struct sched *s, struct sched_task *t)
+{
+	if (s->held == SCHED_HELD_MAX || !ledger_take(s->ledger, LEDGER_THREAD, THREAD_BYTES))
+		return;
+	if (start_thread(s, t->spare)) {
+		ledger_give(s->ledger, LEDGER_THREAD, THREAD_BYTES);
+		return;
+	}
+	t->held = true;
+	t->held_ns = clock_mono_ns();
+	s->held++;
+	s->lengthy -= t->lengthy && !t->spare;
+}
+
+unsigned sched_hold(struct sched *s, uint64_t flow)
+{
+	const struct sched_task *first = NULL;
+	unsigned n = 0;
+	bool may;
+
+	THREAD_LOOP_ONLY();
+	lock_take(&s->lock);
+	for (struct sched_task *t = sched_queue_running(s->queue); t && !first; t = t->next)
+		first = t->owner.flow == flow ? t : NULL;
+	may = first && (first->held || !sched_queue_hangs(s->queue, &first->owner));
+	for (struct sched_task *t = sched_queue_running(s->queue); t; t = t->next) {
+		if (t->owner.flow != flow || !t->reads)
+			continue;
+		if (!t->held && may)
+			hold_task(s, t);
+		n += t->held;
+	}
+	lock_give(&s->lock);
+	return n;
 }
 
 uint64_t sched_taken(struct sched *s, const struct sched_task *t)

@@ -54,7 +54,10 @@ struct sched_task {
 	bool ran;           /* in done: run was called, and `bytes` are the submitter's */
 	/* of the scheduler only */
 	enum sched_task_state state;
-	bool took; /* its bytes, and done was not called */
+	bool took;  /* its bytes, and done was not called */
+	bool spare; /* it runs on a spare thread */
+	bool held;  /* sched_hold */
+	uint64_t held_ns;
 	uint64_t order;
 	int64_t charged;
 	struct sched_account *account;
@@ -77,6 +80,13 @@ void sched_cancel(struct sched *, struct sched_task *);
 int sched_fd(const struct sched *);
 /* Calls `done` of every task that has ended; returns how many. */
 unsigned sched_dispatch(struct sched *);
+
+/* The running tasks of the flow that read a file hang in a call that nothing can end. Other threads take the places of theirs, as
+ * memory allows, for SCHED_HELD_EACH flows of a user and SCHED_HELD_MAX tasks in all. A thread whose place is taken ends with its
+ * task. Meanwhile no further task that reads a file starts of such a flow, nor of a user with SCHED_HELD_EACH of them. Returns
+ * how many of the flow have lost their place. */
+enum { SCHED_HELD_EACH = 4, SCHED_HELD_MAX = 64 };
+unsigned sched_hold(struct sched *, uint64_t flow);
 
 /* Bytes that the task has taken, until its `done` is called. */
 uint64_t sched_taken(struct sched *, const struct sched_task *);

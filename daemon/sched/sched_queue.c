@@ -282,17 +282,45 @@ struct start_rules {
 	unsigned first; /* this class goes before the others */
 };
 
+/* Tasks that are held have no thread of the machine's. */
 static bool has_running(const struct sched_queue *q, uint32_t uid, bool reads)
 {
 	for (const struct sched_task *t = q->running; t; t = t->next)
-		if (t->owner.uid == uid && (t->reads || !reads))
+		if (t->owner.uid == uid && !t->held && (t->reads || !reads))
 			return true;
 	return false;
 }
 
+/* The first running task of the flow that is held. */
+static const struct sched_task *held_of(const struct sched_queue *q, uint64_t flow)
+{
+	const struct sched_task *t;
+
+	for (t = q->running; t && !(t->held && t->owner.flow == flow); t = t->next)
+		;
+	return t;
+}
+
+bool sched_queue_hangs(const struct sched_queue *q, const struct sched_owner *o)
+{
+	unsigned n = 0;
+
+	if (held_of(q, o->flow))
+		return true;
+	for (const struct sched_task *t = q->running; t; t = t->next)
+		n += t->held && t->owner.uid == o->uid && held_of(q, t->owner.flow) == t;
+	return n >= SCHED_HELD_EACH;
+}
+
+/* One more would take a thread from others, too. */
+static bool may_hang(const struct sched_queue *q, const struct sched_task *t)
+{
+	return t->reads && sched_queue_hangs(q, &t->owner);
+}
+
 static bool is_eligible(const struct sched_queue *q, const struct sched_task *t, const struct start_rules *r)
 {
-	if (t->bytes && r->no_memory)
+	if ((t->bytes && r->no_memory) || may_hang(q, t))
 		return false;
 	if (t->bytes && t->priority == SCHED_LAST && t->bytes > ledger_available(q->ledger, t->name))
 		return false;
@@ -349,7 +377,7 @@ static bool other_users_wait(const struct sched_queue *q)
 {
 	for (const struct sched_task *t = q->waiting; t; t = t->next)
 		for (const struct sched_task *o = q->running; o; o = o->next)
-			if (o->reads && o->owner.uid != t->owner.uid)
+			if (o->reads && !o->held && o->owner.uid != t->owner.uid)
 				return true;
 	return false;
 }
@@ -361,6 +389,10 @@ static bool take_memory(struct sched_queue *q, const struct sched_task *t)
 
 struct sched_task *sched_queue_take(struct sched_queue *q, bool spare)
 {
+	/* Others do not wait for the memory of a task that may not start. */
+	if (q->claim && may_hang(q, q->claim))
+		q->claim = NULL;
+
 	struct start_rules r = {
 		.spare = spare,
 		.no_memory = q->claim != NULL,

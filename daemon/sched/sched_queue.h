@@ -29,6 +29,8 @@ bool sched_queue_empty(const struct sched_queue *);                      /* noth
 bool sched_queue_others_wait(const struct sched_queue *, uint64_t flow); /* a task of another flow waits */
 struct sched_task *sched_queue_first(const struct sched_queue *);        /* any waiting task; NULL: none */
 struct sched_task *sched_queue_running(const struct sched_queue *);      /* the first that runs; task->next */
+/* Tasks of this flow are held, or of SCHED_HELD_EACH flows of this user. */
+bool sched_queue_hangs(const struct sched_queue *, const struct sched_owner *);
 /* Bytes of the task that has the claim on memory; 0: none waits for memory. */
 uint64_t sched_queue_starved(const struct sched_queue *);
 int64_t sched_queue_service(const struct sched_queue *, uint32_t uid);

@@ -185,13 +185,14 @@ void request_answer_done(struct request *q)
 	request_answer(q, FRAME_MESSAGE(DONE, done, &done));
 }
 
-void request_progress(struct request *q, const char *phase, uint64_t done, uint64_t total)
+void request_progress(struct request *q, const char *phase, uint64_t done, uint64_t total, const char *waiting)
 {
 	Acut__V1__Progress m = ACUT__V1__PROGRESS__INIT;
 
 	m.phase = (char *)phase;
 	m.points = done;
 	m.points_total = total;
+	m.waiting = (char *)waiting;
 	conn_send(q->conn, q->id, FRAME_MESSAGE(PROGRESS, progress, &m), -1);
 }
 

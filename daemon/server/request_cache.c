@@ -65,7 +65,7 @@ static void on_verify_damage(void *token, const struct cache_damage *d)
 
 static void on_verify_progress(void *token, const char *phase, uint64_t bytes, uint64_t total)
 {
-	request_progress(token, phase, bytes, total);
+	request_progress(token, phase, bytes, total, "");
 }
 
 static void on_verify_over(void *token, const struct err *why, const struct cache_verified *v)
@@ -100,7 +100,7 @@ void request_cache_verify(struct conn *c, struct request *q, Acut__V1__Message *
 
 static void on_adopt_progress(void *token, const char *phase, uint64_t bytes, uint64_t total)
 {
-	request_progress(token, phase, bytes, total);
+	request_progress(token, phase, bytes, total, "");
 }
 
 static void on_adopted(void *token, const struct err *why, const struct cache_adopted *a)

@@ -319,7 +319,7 @@ static void check_pushes(struct doctor *v, const struct server *s, const struct 
 		add_check(
 			v, "pushes", WARNING,
 			"look at the file system that it is on (a network or FUSE mount that does not answer): acutd cannot end a "
-			"read, and its worker is free again only when the read returns",
+			"read, which keeps a thread and the memory of its push until it returns",
 			"%u pushes read a file that gives nothing, push %llu since %.0f seconds%s%.300s", stalled,
 			(unsigned long long)stall.push, stall.seconds, shown ? ": " : "", shown ? stall.file : "");
 	else if (n->pending && n->pending_left < DAY)

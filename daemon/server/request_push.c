@@ -218,9 +218,9 @@ static void on_durable(void *ctx, uint64_t files)
 		conn_send(ref->conn, ref->request, FRAME_MESSAGE(DURABLE, durable, &m), -1);
 }
 
-static void on_progress(void *token, const char *phase, uint64_t points, uint64_t total)
+static void on_progress(void *token, const char *phase, uint64_t points, uint64_t total, const char *waiting)
 {
-	request_progress(token, phase, points, total);
+	request_progress(token, phase, points, total, waiting);
 }
 
 /* ---- pipes of inputs ---- */

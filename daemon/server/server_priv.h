@@ -135,7 +135,7 @@ void request_finish(struct request *, const struct err *why); /* refuses, or ans
 void request_answer_page(struct request *, Acut__V1__Message__BodyCase list, const struct frame_page *, bool more);
 void request_refuse(struct request *, const struct err *);
 /* An answer in between. */
-void request_progress(struct request *, const char *phase, uint64_t done, uint64_t total);
+void request_progress(struct request *, const char *phase, uint64_t done, uint64_t total, const char *waiting);
 
 /* ---- fair.c ---- */
 

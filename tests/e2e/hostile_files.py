@@ -71,6 +71,38 @@ def files_whose_reads_block():
                 p.wait()
 
 
+def files_that_hang():
+    """A daemon with one worker, and files of one user whose reads never return: two in their header, one in its points. Each push says
+    which file hangs. Another push of the same user and its mesh go on; so do those that hung, when the file system answers."""
+    for reads, files in ((0, 2), (5, 1)):
+        with Folder() as base:
+            gate = e2e.Gate(base)
+            good = shutil.copy(hostile.LAS, base + "/good.las")
+            names = [shutil.copy(hostile.LAS, base + "/hangs-%d.las" % i) for i in range(files)]
+            with e2e.Daemon(base, memory="64M", threads=1, env=gate.env) as d:
+                gate.close("pread", "/hangs-", reads, "acutd")
+                hung = [subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "h%d" % i, name], stderr=subprocess.PIPE,
+                                         stdout=subprocess.DEVNULL, text=True) for i, name in enumerate(names)]
+                try:
+                    for p, name in zip(hung, names):
+                        told = next((line for line in p.stderr if "gives nothing" in line), "it ended")
+                        expect(os.path.basename(name) in told, told)
+                    d.ctl("push", "other", good, timeout=e2e.PATIENCE).ok()
+                    d.ctl("mesh", good, "--format", "null", timeout=e2e.PATIENCE).ok()
+                    expect(all(p.poll() is None for p in hung), "they did not hang")
+                    gate.open()
+                    for p in hung:
+                        err = p.communicate(timeout=e2e.PATIENCE)[1]
+                        expect(p.returncode == 0 and "gives nothing" not in err, "%d %s" % (p.returncode, err))
+                    for name in ["other"] + ["h%d" % i for i in range(files)]:
+                        expect(d.ctl("dataset", "show", name, "--json").ok().json()["points"] == 5000, name)
+                finally:
+                    gate.open()
+                    for p in hung:
+                        p.kill()
+                        p.wait()
+
+
 def passes_files(path, name, uid, status):
     """A process of that user that passes files until it is disconnected, and then connects again. Writes to `status`: the number
     of files, and both reasons."""
@@ -236,4 +268,4 @@ def descriptors_run_out():
 
 
 if __name__ == "__main__":
-    hostile.whole(files_whose_reads_block, files_that_never_close, descriptors_run_out)
+    hostile.whole(files_whose_reads_block, files_that_hang, files_that_never_close, descriptors_run_out)

@@ -308,6 +308,59 @@ static void spare_for_who_waits(void **state)
 	ledger_free(ledger);
 }
 
+/* Files of one user that hang: each takes a thread of its own, so that other tasks, also of the same user, have theirs; up to a
+ * number, which no memory exceeds. When they end, the threads are as many as before. */
+static void hanging(void **state)
+{
+	enum { N = SCHED_HELD_EACH + 2 };
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 64 << 20, 1);
+	_Atomic int gate = 0, gate2 = 0;
+	struct job hangs[N], other = make(s, 21, 30, SCHED_NORMAL), own = make(s, 22, 0, SCHED_NORMAL), last[2];
+
+	for (int i = 0; i < N; i++) {
+		hangs[i] = make(s, 1 + i, i == N - 1 ? 10 : 0, SCHED_NORMAL);
+		hangs[i].gate = &gate;
+		hangs[i].task.lengthy = hangs[i].task.reads = true;
+		hangs[i].task.owner = (struct sched_owner){.uid = 7, .flow = 1 + (uint64_t)i};
+		sched_submit(s, &hangs[i].task);
+	}
+	for (int i = 0; i < SCHED_HELD_EACH; i++) {
+		wait_started(i + 1);
+		assert_int_equal(sched_hold(s, (uint64_t)order[i]), 1);
+		assert_int_equal(sched_hold(s, (uint64_t)order[i]), 1);
+	}
+	assert_int_equal(ledger_held(ledger, LEDGER_THREAD), SCHED_HELD_EACH * (sched_thread_bytes(1) / 3));
+	other.task.owner.uid = 8;
+	own.task.owner = (struct sched_owner){.uid = 7, .flow = 22};
+	own.task.lengthy = true;
+	sched_submit(s, &other.task);
+	sched_submit(s, &own.task);
+	wait_done(s, 2);
+	assert_true(other.task.ran && own.task.ran);
+	assert_int_equal(atomic_load(&norder), SCHED_HELD_EACH + 2); /* the user's other files wait */
+	gate = 1;
+	wait_done(s, 2 + N);
+	for (int i = 0; i < N; i++)
+		assert_true(hangs[i].task.ran);
+	/* One regular thread again: the second lengthy task of a user waits for the first. */
+	for (int i = 0; i < 2; i++) {
+		last[i] = make(s, 31 + i, 0, SCHED_NORMAL);
+		last[i].gate = &gate2;
+		last[i].task.lengthy = last[i].task.reads = true;
+		sched_submit(s, &last[i].task);
+		wait_started(N + 2 + 1);
+	}
+	sched_submit(s, &other.task);
+	wait_done(s, 2 + N + 1);
+	assert_int_equal(atomic_load(&norder), N + 2 + 2);
+	assert_int_equal(ledger_held(ledger, LEDGER_THREAD), 0);
+	gate2 = 1;
+	wait_done(s, 2 + N + 3);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
 enum { MANY = 2000 };
 
 static void count(struct sched_task *t)
@@ -344,11 +397,17 @@ static void many_threads(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(by_priority_then_order),   cmocka_unit_test(head_waits_for_memory),
-		cmocka_unit_test(memory_is_the_submitters), cmocka_unit_test(told_of_starvation),
-		cmocka_unit_test(cancelled_before),         cmocka_unit_test(cancelled),
-		cmocka_unit_test(freed_with_work_left),     cmocka_unit_test(many_threads),
-		cmocka_unit_test(spare_for_others),         cmocka_unit_test(spare_for_who_waits),
+		cmocka_unit_test(by_priority_then_order),
+		cmocka_unit_test(head_waits_for_memory),
+		cmocka_unit_test(memory_is_the_submitters),
+		cmocka_unit_test(told_of_starvation),
+		cmocka_unit_test(cancelled_before),
+		cmocka_unit_test(cancelled),
+		cmocka_unit_test(freed_with_work_left),
+		cmocka_unit_test(many_threads),
+		cmocka_unit_test(spare_for_others),
+		cmocka_unit_test(spare_for_who_waits),
+		cmocka_unit_test(hanging),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -227,7 +227,7 @@ static void durable(void *ctx, uint64_t files)
 	got.durable = files;
 }
 
-static void progress(void *token, const char *phase, uint64_t points, uint64_t total) {}
+static void progress(void *token, const char *phase, uint64_t points, uint64_t total, const char *waiting) {}
 
 static const struct push_calls calls = {begun, probed, planned, staged, committed, aborted, durable, progress};
 
