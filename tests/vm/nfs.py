@@ -188,12 +188,7 @@ def stale_handles():
             survey.task(phase, i, n)
     print("figure tasks that failed with stale handles: %d %s" % (len(failed), failed[:3]))
     expect(survey.digests() == wanted(), "another mesh: %s" % (survey.digests(),))
-    # The clients have taken folders for other file systems meanwhile, and mounted them.
-    with open("/proc/mounts") as f:
-        inner = [line.split()[1] for line in f if "/work" in line.split()[1]]
-    for folder in sorted(inner, reverse=True):
-        run(["umount", folder]).ok()
-    survey.clean()
+    # It is not cleaned: these clients take folders of it for file systems of their own by now, and mount them.
 
 
 CASES = [two_nodes, every_task_twice, killed, the_server_restarts, a_full_disk, stale_handles]
