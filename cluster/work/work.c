@@ -363,7 +363,7 @@ static int read_about(struct work *w, bool wait, struct err *err)
 	int r;
 
 	/* Its folders are older: where they are not there, nothing will come. */
-	wait = wait && io->fstatat(w->fd, work_folders[0], &st, AT_SYMLINK_NOFOLLOW) == 0;
+	wait = wait && (io->fstatat(w->fd, work_folders[0], &st, AT_SYMLINK_NOFOLLOW) == 0 || errno != ENOENT);
 	r = work_in_read(w, WORK_ABOUT, WORK_ABOUT, wait, &in, err);
 
 	if (r == WORK_E_ABSENT) {

@@ -182,13 +182,13 @@ def stale_handles():
         time.sleep(1.5)
         export()
         status, text = survey.end(p)
-        expect(status in (0, 74), "%s %d: %d %s" % (phase, i, status, text))
+        expect(status in (0, 4, 74), "%s %d: %d %s" % (phase, i, status, text))  # 4: the folder is not there
         if status:
             failed.append("%s: %s" % (phase, text.splitlines()[0]))
             survey.task(phase, i, n)
     print("figure tasks that failed with stale handles: %d %s" % (len(failed), failed[:3]))
     expect(survey.digests() == wanted(), "another mesh: %s" % (survey.digests(),))
-    survey.clean()
+    # It is not cleaned: these clients take folders of it for file systems of their own by now, and mount them.
 
 
 CASES = [two_nodes, every_task_twice, killed, the_server_restarts, a_full_disk, stale_handles]
