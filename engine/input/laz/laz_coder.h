@@ -17,7 +17,17 @@
 
 #include "laz_window.h"
 
+/* With sanitizers what is inlined takes minutes to compile. */
+#if defined __has_feature
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define LAZ_INLINE static inline
+#endif
+#elif defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
+#define LAZ_INLINE static inline
+#endif
+#ifndef LAZ_INLINE
 #define LAZ_INLINE static inline __attribute__((always_inline))
+#endif
 
 /* The first four bytes of an entropy-coded stream, after laz_window_begin or laz_window_take. */
 int laz_coder_begin(struct laz_window *, struct err *err);
