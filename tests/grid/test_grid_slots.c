@@ -137,9 +137,9 @@ static bool same(struct digest a, struct digest b)
 	return digest_equal(a, b);
 }
 
-enum { RANGES = 40 };
+enum { RANGES = 40, WIDE = 39 /* ends in the first range */ };
 
-static uint64_t ends[2 * RANGES]; /* of ranges, at records */
+static uint64_t ends[2 * RANGES + WIDE]; /* of ranges, at records */
 
 static int by_key(const void *a, const void *b)
 {
@@ -150,17 +150,17 @@ static void draw_ends(const struct set *all)
 {
 	uint64_t seed = 5;
 
-	for (unsigned i = 0; i < 2 * RANGES; i++) {
+	for (unsigned i = 0; i < 2 * RANGES + WIDE; i++) {
 		const struct point *p = &all->pts[random_below(&seed, all->n)];
 
 		ends[i] = point_morton(p->x, p->y);
 	}
-	qsort(ends, 2 * RANGES, sizeof *ends, by_key);
-	for (unsigned i = 1; i < 2 * RANGES; i++)
+	qsort(ends, 2 * RANGES + WIDE, sizeof *ends, by_key);
+	for (unsigned i = 1; i < 2 * RANGES + WIDE; i++)
 		ends[i] += ends[i] <= ends[i - 1] ? ends[i - 1] - ends[i] + 1 : 0;
 }
 
-/* Of ranges with gaps between them; returns the sum of everything. */
+/* Of ranges with gaps between them, the first of which has whole cells; returns the sum of everything. */
 static struct digest sums(const struct folder *f, const char *name, uint64_t g, const struct slots *slots,
 			  struct digest ret[RANGES])
 {
@@ -170,7 +170,7 @@ static struct digest sums(const struct folder *f, const char *name, uint64_t g, 
 	struct err err = ERR_INIT;
 
 	for (unsigned i = 0; i < RANGES; i++)
-		range[i] = (struct grid_sum){.lo = ends[2 * i], .hi = ends[2 * i + 1]};
+		range[i] = (struct grid_sum){.lo = ends[i ? WIDE + 2 * i : 0], .hi = ends[WIDE + 2 * i + 1]};
 	CHECK(grid_sums(r.r, range, RANGES, &err));
 	CHECK(grid_sum(r.r, 0, UINT64_MAX, &all, &err));
 	for (unsigned i = 0; i < RANGES; i++)
@@ -236,12 +236,13 @@ static void test_content(void **state)
 	static const uint32_t other[SOURCES] = {6, 9, 8, 7, 4, 1, 5, 2, 3};
 	static const struct slots_range moved[] = {{2, 3, 7}, {4, 4, 31}, {8, 9, 1}};
 	const struct slots renumbered = {moved, 3};
-	struct set all = set_make(SHAPE_UNIFORM, 3000, SOURCES, 12);
+	struct set all = set_make(SHAPE_UNIFORM, 60000, SOURCES, 12);
 	struct grid_segment_info info;
 	struct folder f = folder_new();
 	struct grid_manifest m = manifest_of(&info, 1, SOURCES);
 	struct err err = ERR_INIT;
 	struct digest first, sum[2][RANGES];
+	size_t at = 0;
 
 	CHECK(stage_set(&f, "a", &all, 0, &info, &err));
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
@@ -256,17 +257,50 @@ static void test_content(void **state)
 	sums(&f, "n", 1, &renumbered, sum[1]);
 	assert_int_equal(differ(sum[0], sum[1]), 0);
 	assert_false(same(content(&f, "n", 1, &some), first));
-	all.ids[77] = all.ids[77] == 4 ? 1 : 4;
+	/* In the first range, and in the middle of it. */
+	while (point_morton(all.pts[at].x, all.pts[at].y) < ends[WIDE / 3] ||
+	       point_morton(all.pts[at].x, all.pts[at].y) > ends[WIDE / 2])
+		at++;
+	all.ids[at] = all.ids[at] == 4 ? 1 : 4;
 	CHECK(stage_set(&f, "c", &all, 0, &info, &err));
 	CHECK(grid_manifest_write(f.fd, "o", &m, &err));
 	assert_true(same(content(&f, "o", 1, NULL), content(&f, "m", 1, NULL)));
 	assert_false(same(content(&f, "o", 1, &renumbered), first));
 	sums(&f, "o", 1, &renumbered, sum[1]);
-	assert_in_range(differ(sum[0], sum[1]), 0, 1);
+	assert_int_equal(differ(sum[0], sum[1]), 1);
 	assert_false(same(sums(&f, "o", 1, &renumbered, sum[1]), sums(&f, "m", 1, &some, sum[0])));
 	free(m.sources);
 	set_free(&all);
 	folder_remove(&f);
+}
+
+/* Sources beside each other, so most cells have one; in one segment, and in one each. */
+static void test_apart(void **state)
+{
+	struct set all = set_make(SHAPE_UNIFORM, 60000, 1, 13), part[2];
+	struct grid_segment_info whole, two[2];
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+	struct digest sum[2][RANGES];
+	size_t n = 0;
+
+	qsort(all.pts, all.n, sizeof *all.pts, (int (*)(const void *, const void *))point_compare);
+	for (size_t i = 0; i < all.n; i++)
+		all.ids[i] = i < all.n / 2 ? 2 : 1;
+	n = all.n / 2;
+	part[0] = (struct set){all.pts, all.ids, n};
+	part[1] = (struct set){all.pts + n, all.ids + n, all.n - n};
+	draw_ends(&all);
+	CHECK(stage_set(&f, "w", &all, 0, &whole, &err));
+	CHECK(stage_set(&f, "a", &part[0], 0, &two[0], &err));
+	CHECK(stage_set(&f, "b", &part[1], 0, &two[1], &err));
+	free(write_manifest(&f, "whole", &whole, 1).sources);
+	free(write_manifest(&f, "two", two, 2).sources);
+	assert_true(same(sums(&f, "whole", 1, &some, sum[0]), sums(&f, "two", 1, &some, sum[1])));
+	assert_int_equal(differ(sum[0], sum[1]), 0);
+	set_free(&all);
+	folder_remove(&f);
+	(void)state;
 }
 
 static void test_table(void **state)
@@ -305,7 +339,7 @@ static void test_table(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_records), cmocka_unit_test(test_content),
-					   cmocka_unit_test(test_table)};
+					   cmocka_unit_test(test_apart), cmocka_unit_test(test_table)};
 
 	skip_fsync();
 	return cmocka_run_group_tests(tests, NULL, NULL);

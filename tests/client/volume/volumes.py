@@ -225,6 +225,8 @@ def polygon(rng, low, size):
     for _ in range(20):
         cx, cy = x0 + rng.random() * size, y0 + rng.random() * size
         shell = star(rng, cx, cy, size * (0.2 + rng.random()), rng.randrange(3, 9))
+        if kind == 1:  # on lattice corners: slanted edges pass through corners of the boxes of pairs
+            shell = list(dict.fromkeys((F(round(x)), F(round(y))) for x, y in shell))
         if not simple(shell):
             continue
         rings = [(1, shell[::rng.choice((1, -1))])]
