@@ -250,7 +250,7 @@ static void gather_all(struct sharing *s, uint64_t *seed, struct counts *c)
 static bool is_near(const struct set *set)
 {
 	for (size_t i = 0; i < set->n; i++)
-		if (abs(set->pts[i].x) > 200000 || abs(set->pts[i].y) > 200000 || abs(set->pts[i].z) > 1000000)
+		if (llabs(set->pts[i].x) > 200000 || llabs(set->pts[i].y) > 200000 || llabs(set->pts[i].z) > 1000000)
 			return false;
 	return true;
 }
