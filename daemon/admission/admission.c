@@ -247,18 +247,16 @@ static uint64_t next_total(uint64_t total)
 
 uint64_t admission_memory_for(struct admission *a, const struct grid *grid, uint64_t positions)
 {
-	uint64_t total = ledger_total(a->core->p.ledger);
-	struct pipe_budget b = {0};
+	uint64_t total = ledger_total(a->core->p.ledger), need;
+	struct pipe_budget b;
 
 	THREAD_LOOP_ONLY();
 	for (; total <= total_max; total = next_total(total)) {
 		struct err err = ERR_INIT;
 
-		if (pipe_budget(alone_bytes(a, total), a->core->p.threads, grid, &b, &err))
-			continue;
-		if (b.cap >= positions)
+		if (!pipe_budget_wide(alone_bytes(a, total), positions, grid, &b, &need, &err))
 			return total;
-		if (b.load == pipe_load[PIPE_LOADS - 1] && b.threads == a->core->p.threads)
+		if (need == UINT64_MAX)
 			break;
 	}
 	return 0;

@@ -373,8 +373,7 @@ static void memory_hint(struct run *w)
 	else if (memory)
 		err_add_hint(&w->why, "run with memory=%lluM or more", (unsigned long long)(memory >> 20));
 	else
-		err_add_hint(&w->why, "a domain carries at most %u positions, whatever the memory: leave out points",
-			     w->budget.cap);
+		err_add_hint(&w->why, "no domain carries so many positions, whatever the memory: leave out points");
 }
 
 void run_fail(struct run *w, const struct err *why)

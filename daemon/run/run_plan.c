@@ -328,6 +328,41 @@ static void run_domains_begin(struct run *w)
 		run_output_head(w);
 }
 
+/* What a run that is the only one, of this user, can have for its domains. */
+static uint64_t alone_memory(const struct run *w)
+{
+	const struct admission *a = w->runs->admission;
+	uint64_t limit = admission_user_limit(w->runs->admission, &w->owner), alone = admission_alone_bytes(a);
+
+	if (limit != UINT64_MAX)
+		limit = limit > admission_share(a) ? limit - admission_share(a) : 0;
+	return alone < limit ? alone : limit;
+}
+
+static void plan_forget(struct run *w)
+{
+	cut_plan_done(&w->plan);
+	run_stored_leaves_free(w);
+	w->stored_leaves = (struct run_stored_leaves){0};
+}
+
+/* A region needs more positions than the domains have room for, however small it is: points in convex position. It begins again
+ * with fewer, larger domains, as long as the memory suffices for one. */
+static bool retry_wider(struct run *w)
+{
+	struct pipe_budget wide;
+	struct err err = ERR_INIT;
+	uint64_t bytes;
+
+	if (w->r != -ERR_LIMIT || w->stopping || w->planned || w->err.need <= w->budget.cap ||
+	    pipe_budget_wide(alone_memory(w), w->err.need, w->grid, &wide, &bytes, &err))
+		return false;
+	w->wide = w->err.need;
+	plan_forget(w);
+	run_requeue(w, bytes);
+	return true;
+}
+
 /* Other plans hold the memory that this one needs: it begins again at the next tick. If none does, waiting is no use, and it
  * fails. */
 static bool retry_later(struct run *w)
@@ -336,9 +371,7 @@ static bool retry_later(struct run *w)
 
 	if (w->r != -ERR_BUSY || w->stopping)
 		return false;
-	cut_plan_done(&w->plan);
-	run_stored_leaves_free(w);
-	w->stored_leaves = (struct run_stored_leaves){0};
+	plan_forget(w);
 	if (!ledger_held(runs->core->p.ledger, LEDGER_PLAN)) {
 		w->err.code = ERR_LIMIT;
 		w->err.hint[0] = 0; /* the hint is about other jobs */
@@ -364,7 +397,7 @@ static void plan_over(void *ctx)
 	free(m.memory);
 	if (m.ran) {
 		sched_give(w->runs->core->p.sched, LEDGER_DOMAIN, m.bytes);
-		if (retry_later(w))
+		if (retry_later(w) || retry_wider(w))
 			return;
 		if (w->r)
 			run_fail(w, &w->err);
@@ -439,7 +472,7 @@ static void plan_begin(struct run *w)
 /* Small leaves keep what is made again after a push in proportion to the change. */
 static void narrow_leaves(struct run *w)
 {
-	if (!w->dataset->onestep && w->budget.load > PIPE_KEPT_LOAD)
+	if (!w->dataset->onestep && !w->wide && w->budget.load > PIPE_KEPT_LOAD)
 		w->budget.load = PIPE_KEPT_LOAD;
 }
 
@@ -449,22 +482,17 @@ void run_plan_start(struct run *w)
 {
 	struct runs *runs = w->runs;
 	uint64_t all = admission_domain_memory(runs->admission),
-		 room = admission_user_available(runs->admission, &w->owner, &w->admission),
-		 limit = admission_user_limit(runs->admission, &w->owner), alone = admission_alone_bytes(runs->admission),
-		 least = pipe_budget_min(w->grid);
+		 room = admission_user_available(runs->admission, &w->owner, &w->admission), least = pipe_budget_min(w->grid);
 	struct err err = ERR_INIT;
 
 	all = all < room ? all : room;
-	if (limit != UINT64_MAX)
-		limit = limit > admission_share(runs->admission) ? limit - admission_share(runs->admission) : 0;
-	alone = alone < limit ? alone : limit;
 	if (w->planned) {
 		if (!pipe_budget_kept(all, runs->core->p.threads, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
 			sums_choose(w);
 			run_domains_begin(w);
 			return;
 		}
-		if (!pipe_budget_kept(alone, 1, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
+		if (!pipe_budget_kept(alone_memory(w), 1, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
 			run_requeue(w, 2 * w->budget.domain_bytes);
 			return;
 		}
@@ -472,7 +500,8 @@ void run_plan_start(struct run *w)
 	if (admission_check_size(runs->admission, least, "meshing", &err) ||
 	    admission_user_check_size(runs->admission, &w->owner, least + admission_share(runs->admission), "meshing", &err)) {
 		run_fail(w, &err);
-	} else if (!pipe_budget(all, runs->core->p.threads, w->grid, &w->budget, &err)) {
+	} else if (!(w->wide ? pipe_budget_wide(all, w->wide, w->grid, &w->budget, &least, &err) :
+			       pipe_budget(all, runs->core->p.threads, w->grid, &w->budget, &err))) {
 		narrow_leaves(w);
 		plan_begin(w);
 	} else if (admission_is_alone(runs->admission)) {

@@ -163,8 +163,9 @@ struct run {
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;
-	struct pipe_key key;    /* of its domains; known with `grid` */
-	struct cut_plan plan;   /* a worker's while `splitting` */
+	uint64_t wide;        /* positions that a region was found to need, more than a usual budget has (retry_wider); else 0 */
+	struct pipe_key key;  /* of its domains; known with `grid` */
+	struct cut_plan plan; /* a worker's while `splitting` */
 	struct plan_file *file; /* where the plan is kept; NULL: nowhere */
 	struct plan_kept kept;
 	bool planned; /* the plan was read from `file` */

@@ -109,7 +109,7 @@ extern const uint32_t pipe_load[PIPE_LOADS]; /* the loads that a budget can have
 enum { PIPE_KEPT_LOAD = 1 << 16 };
 
 struct pipe_budget {
-	uint32_t load;       /* the most positions that a leaf may own: one of pipe_load */
+	uint32_t load;       /* the most positions that a leaf may own: one of pipe_load, or of a wide budget */
 	uint32_t cap;        /* the most positions in an arena: own + halo */
 	size_t domain_bytes; /* memory of one domain in all */
 	unsigned threads;    /* domains at the same time */
@@ -118,6 +118,15 @@ struct pipe_budget {
  * -ERR_LIMIT, with the necessary memory, if one thread does not fit with the smallest load. `grid` may be NULL (a
  * reader of one segment is assumed). */
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err);
+
+/*
+ * One thread, and room for at least `positions` in a domain, which may be more than any load has: for points in convex position,
+ * of which every region needs nearly all. The cap is twice `positions` where the memory suffices, since their number was an
+ * estimate; the load is the largest that the cap allows, because small leaves would all load the same points. -ERR_LIMIT:
+ * *ret_need bytes, at most UINT64_MAX if no memory is enough, would suffice.
+ */
+int pipe_budget_wide(uint64_t memory, uint64_t positions, const struct grid *grid, struct pipe_budget *ret, uint64_t *ret_need,
+		     struct err *err);
 
 /* One domain with this load, if `fixed` bytes, and `each` bytes for each position of the cap, are used beside it. -ERR_LIMIT: the
  * memory does not suffice; err->need would. */

@@ -3,6 +3,8 @@
  */
 #include "pipe.h"
 
+#include <inttypes.h>
+
 #include "err.h"
 #include "parse.h"
 #include "pipe_priv.h"
@@ -15,6 +17,14 @@ const uint32_t pipe_load[PIPE_LOADS] = {1u << 15, 1u << 17, 1u << 19, 1u << 20};
 static uint32_t cap_of(uint32_t load)
 {
 	return load + load / 8 + 4096;
+}
+
+/* The largest load with at most that cap; at least the smallest of pipe_load. */
+static uint32_t load_of(uint32_t cap)
+{
+	uint32_t load = cap > 4096 ? (uint32_t)(((uint64_t)cap - 4096) * 8 / 9) : 0;
+
+	return load > pipe_load[0] ? load : pipe_load[0];
 }
 
 size_t pipe_domain_bytes(uint32_t cap, size_t reader_bytes)
@@ -62,6 +72,33 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 	err_set(err, ERR_LIMIT, "meshing needs %s for its domains, and %s are free", parse_size_text(pipe_budget_min(grid), need),
 		parse_size_text(memory, have));
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
+}
+
+int pipe_budget_wide(uint64_t memory, uint64_t positions, const struct grid *grid, struct pipe_budget *ret, uint64_t *ret_need,
+		     struct err *err)
+{
+	size_t reader = reader_bytes_of(grid);
+	uint64_t cap = positions < TRI_MAX_POINTS / 2 ? 2 * positions : TRI_MAX_POINTS;
+	char need[32], have[32];
+
+	*ret_need = UINT64_MAX;
+	if (positions > TRI_MAX_POINTS)
+		return err_set(err, ERR_LIMIT, "a region needs %" PRIu64 " positions, and can have %u", positions,
+			       TRI_MAX_POINTS);
+	/* One more than there are threads, as above. */
+	*ret_need = 2 * pipe_domain_bytes((uint32_t)positions, reader);
+	if (*ret_need > memory)
+		return err_set(err, ERR_LIMIT, "a region of %" PRIu64 " positions needs %s of memory, not %s", positions,
+			       parse_size_text(*ret_need, need), parse_size_text(memory, have));
+	while (2 * pipe_domain_bytes((uint32_t)cap, reader) > memory)
+		cap -= (cap - positions + 1) / 2;
+	*ret = (struct pipe_budget){
+		.load = load_of((uint32_t)cap),
+		.cap = (uint32_t)cap,
+		.domain_bytes = pipe_domain_bytes((uint32_t)cap, reader),
+		.threads = 1,
+	};
+	return 0;
 }
 
 int pipe_budget_fixed(uint32_t load, uint64_t memory, size_t fixed, size_t each, const struct grid *grid, struct pipe_budget *ret,

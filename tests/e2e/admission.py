@@ -115,7 +115,7 @@ def needs_more_than_the_memory():
     is meshed."""
     with Folder() as base:
         path = os.path.join(base, "parabola.las")
-        e2e.run([e2e.SYNTH, "--distribution", "parabola", "--points", 200000, "--seed", 3, "--origin", "0,0", path]).ok()
+        e2e.run([e2e.SYNTH, "--distribution", "parabola", "--points", 500000, "--seed", 3, "--origin", "0,0", path]).ok()
         out = os.path.join(base, "o.ply")
         with Daemon(base, memory="24M") as d:
             r = d.ctl("mesh", path, "-o", out, "--json")
