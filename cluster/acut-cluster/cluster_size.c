@@ -18,11 +18,12 @@ enum { TASKS_MOST = 1000000 };
 static const double RESERVE = 1.5, TASK_S = 120;
 static const uint64_t MEMORY = UINT64_C(1) << 30, LEAST = UINT64_C(64) << 20, OF_PROCESS = UINT64_C(64) << 20;
 /* Seconds of a core a point. */
-static const double STAGE_S = 0.30e-6, SORT_S = 0.12e-6, MESH_S = 0.26e-6, GATHER_S = 0.20e-6, PLAN_S = 0.01e-6;
-/* Of the head a point of a file that is read to its end, as texts are, and an input of any kind; a record that is read. */
-static const double HEAD_S = 0.15e-6, INPUT_S = 2e-3, RECORD_S = 2e-3;
-/* Slurm ends a task after that. */
-static const double HOUR_S = 3600, OF_TASK = 10, OF_EXPECTED = 3;
+static const double STAGE_S = 0.30e-6, SORT_S = 0.12e-6, MESH_S = 0.26e-6, GATHER_S = 0.20e-6, PLAN_S = 0.001e-6;
+/* Of the head a point of a file that is read to its end, as texts are, and an input of any kind; of other phases of one task a
+ * record that is read, and a segment that is planned (bench/results/2026-11-26-ranges.txt). */
+static const double HEAD_S = 0.15e-6, INPUT_S = 40e-6, RECORD_S = 35e-6, SEGMENT_S = 50e-6;
+/* Slurm ends a task after that. An input or a record is waited for, too: on a shared file system for milliseconds. */
+static const double HOUR_S = 3600, OF_TASK = 10, OF_EXPECTED = 3, WAIT_S = 2e-3;
 
 static const struct {
 	const char *end;
@@ -116,7 +117,7 @@ static void set_hours(const struct points *p, struct cluster_size *s)
 		[WORK_STAGE] = p->all * STAGE_S,
 		[WORK_SORT] = p->all * SORT_S,
 		[WORK_COMMIT] = (double)s->inputs * INPUT_S + records * RECORD_S,
-		[WORK_PLAN] = p->all * PLAN_S + records * RECORD_S,
+		[WORK_PLAN] = p->all * PLAN_S + records * SEGMENT_S,
 		[WORK_MESH] = p->all * MESH_S,
 		[WORK_GATHER] = p->all * GATHER_S,
 		[WORK_FINISH] = parts * RECORD_S,
@@ -132,12 +133,15 @@ static void set_hours(const struct points *p, struct cluster_size *s)
 static void set_times(const struct program *p, const struct points *points, struct cluster_size *s)
 {
 	const double least = fmax(HOUR_S, OF_TASK * p->opt.task_seconds);
+	const double waits = (double)s->tasks[WORK_STAGE] + s->tasks[WORK_SORT] + s->tasks[WORK_MESH] + s->tasks[WORK_GATHER];
 
 	for (int i = 0; i < WORK_PHASES; i++) {
 		double expected = s->tasks[i] ? s->hours[i] * 3600 / s->tasks[i] : 0;
 
 		if (i == WORK_STAGE)
 			expected += points->largest * STAGE_S * RESERVE;
+		else if (i != WORK_MESH && i != WORK_GATHER)
+			expected += ((double)s->inputs + waits) * WAIT_S;
 		s->time[i] = p->opt.time > 0 ? p->opt.time : ceil(fmax(least, OF_EXPECTED * expected));
 	}
 }

@@ -3,7 +3,8 @@
  *
  * The model: each stage has told the keys that divide its segment into parts of about equal numbers of records. All of these
  * together, each with the records of its part, give the keys that divide the whole; every sort task computes them from the same
- * records, and takes its range. A segment without records in the range is not opened. Sources stay what they are.
+ * records, and takes its range. A segment without records in the range is not opened. Sources stay what they are. More segments
+ * than one rewrite takes are rewritten in groups first.
  *
  * It pays only where a place lies in many segments, as with flight lines.
  */
@@ -123,7 +124,9 @@ static int rewrite_memory(const struct sort *so, size_t *ret, struct err *err)
 	uint64_t fixed = SURVEY_PROCESS_BYTES + so->nweights * sizeof *so->weight +
 			 work_about(so->s->work)->tasks[WORK_STAGE] * sizeof *so->segment;
 
-	if (survey_check_memory(so->s, fixed + grid_rewrite_min_bytes(so->segment, so->nsegments, so->sources), "sorting", err))
+	if (survey_check_memory(so->s,
+				fixed + grid_rewrite_min_bytes(so->segment, so->nsegments < 2 ? so->nsegments : 2, so->sources),
+				"sorting", err))
 		return -(int)err->code;
 	*ret = work_about(so->s->work)->memory - fixed;
 	return 0;
@@ -157,37 +160,103 @@ static int await_segments(struct sort *so, struct err *err)
 	return r;
 }
 
-static int rewrite(struct sort *so, uint64_t lo, uint64_t hi, struct grid_segment_info *ret, struct err *err)
+/* Rewrites some segments, whose sources are so many at most, as one: KIND-TASK-ATTEMPT.seg. */
+static int rewrite(struct sort *so, struct grid_rewrite_params *params, const char *kind, struct grid_segment_info *ret,
+		   struct err *err)
 {
 	char file[WORK_NAME], stem[WORK_NAME];
-	struct grid_rewrite_params params = {.dirfd = work_fd(so->s->work),
-					     .segments = so->segment,
-					     .nsegments = so->nsegments,
-					     .nsources = so->sources,
-					     .name = stem,
-					     .part = true,
-					     .lo = lo,
-					     .hi = hi};
 	struct grid_rewrite *w;
+	int r = work_attempt_file(so->s->attempt, "", kind, ".seg", file, err);
+
+	if (r)
+		return r;
+	snprintf(stem, sizeof stem, "%.*s", (int)(strlen(file) - strlen(".seg")), file);
+	params->name = stem;
+	r = grid_rewrite_new(params, &w, err);
+	if (r)
+		return r;
+	r = step_all(so, w, err);
+	if (!r)
+		return grid_rewrite_finish(w, ret, err);
+	grid_rewrite_free(w);
+	return r;
+}
+
+/* How many segments from `first` on can be rewritten at once, of those that the memory has room for. */
+static size_t count_group(const struct sort *so, size_t first, size_t memory)
+{
+	size_t n = 1;
+
+	while (n < GRID_REWRITE_MOST && first + n < so->nsegments &&
+	       grid_rewrite_min_bytes(so->segment + first, n + 1, so->sources) <= memory)
+		n++;
+	return n;
+}
+
+/*
+ * Too many segments for one rewrite: groups of them become one segment each, of the range alone, and these take their place. An
+ * attempt has so many files; with them, and 512 segments a group, tens of thousands of segments can meet one range.
+ */
+static int rewrite_groups(struct sort *so, const struct grid_rewrite_params *how, struct err *err)
+{
+	enum { MOST = WORK_FILES - 4 };
+	size_t n = 0, most = 1, sources = so->sources;
+	int r = 0;
+
+	for (size_t at = 0, group; !r && at < so->nsegments; at += group) {
+		struct grid_rewrite_params params = *how;
+		struct grid_segment_info made;
+		char kind[16];
+
+		group = count_group(so, at, how->memory);
+		most = group > most ? group : most;
+		if (n == MOST) {
+			err_set(err, ERR_LIMIT, "%zu segments meet in one range, more than a task can sort", so->nsegments);
+			return err_add_hint(err, "make fewer tasks with --task-seconds or --task-points, with more memory");
+		}
+		params.segments = so->segment + at;
+		params.nsegments = group;
+		params.temporary = true;
+		snprintf(kind, sizeof kind, "group%c%c", (int)('a' + n / 26), (int)('a' + n % 26));
+		r = rewrite(so, &params, kind, &made, err);
+		if (!r)
+			so->segment[n++] = made;
+	}
+	so->nsegments = n;
+	so->sources = sources * most;
+	return r;
+}
+
+static void remove_groups(const struct sort *so)
+{
+	for (size_t i = 0; i < so->nsegments; i++)
+		io->unlinkat(work_fd(so->s->work), so->segment[i].file, 0);
+}
+
+static int rewrite_range(struct sort *so, uint64_t lo, uint64_t hi, struct grid_segment_info *ret, struct err *err)
+{
+	struct grid_rewrite_params params = {.dirfd = work_fd(so->s->work), .part = true, .lo = lo, .hi = hi};
+	bool grouped = false;
 	int r = rewrite_memory(so, &params.memory, err);
 
 	if (!r)
 		r = await_segments(so, err);
-	if (!r)
-		r = work_attempt_file(so->s->attempt, "", "sort", ".seg", file, err);
-	if (r)
-		return r;
-	snprintf(stem, sizeof stem, "%.*s", (int)(strlen(file) - strlen(".seg")), file);
-	r = grid_rewrite_new(&params, &w, err);
-	if (r)
-		return r;
-	r = step_all(so, w, err);
-	if (r) {
-		grid_rewrite_free(w);
-		return r;
+	params.nsources = so->sources;
+	if (!r && count_group(so, 0, params.memory) < so->nsegments) {
+		grouped = true;
+		r = rewrite_groups(so, &params, err);
 	}
-	r = grid_rewrite_finish(w, ret, err);
-	return r ? r : work_result_file(so->s->attempt, file, err);
+	if (r)
+		return r;
+	params.segments = so->segment;
+	params.nsegments = so->nsegments;
+	params.nsources = so->sources;
+	r = rewrite(so, &params, "sort", ret, err);
+	if (grouped)
+		remove_groups(so);
+	if (!r)
+		r = work_result_u64(so->s->attempt, "groups", grouped ? so->nsegments : 0, err);
+	return r ? r : work_result_file(so->s->attempt, ret->file, err);
 }
 
 static int write_part(struct sort *so, struct grid_segment_info *segment, struct err *err)
@@ -213,7 +282,7 @@ static int sort_range(struct sort *so, uint32_t task, struct err *err)
 	end = task + 1 < tasks ? border(so, task + 1, tasks) : UINT64_MAX;
 	only_meeting(so, lo, end);
 	if (so->nsegments && (lo < end || task + 1 == tasks)) {
-		r = rewrite(so, lo, task + 1 < tasks ? end - 1 : UINT64_MAX, &segment, err);
+		r = rewrite_range(so, lo, task + 1 < tasks ? end - 1 : UINT64_MAX, &segment, err);
 		if (!r)
 			r = write_part(so, &segment, err);
 	}

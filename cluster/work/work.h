@@ -61,7 +61,7 @@ int work_file_open(const struct work *, const char *name, uint64_t size, int *re
 
 /* ---- attempts ---- */
 
-enum { WORK_NAME = 96 };
+enum { WORK_NAME = 96, WORK_FILES = 64 }; /* of the name of a file; files of an attempt */
 struct work_attempt;
 
 /* WORK_E_DONE: the task has a record. -ERR_CANCELLED: the run was cancelled. -ERR_USAGE: there is no such task. */

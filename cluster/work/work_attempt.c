@@ -13,8 +13,6 @@
 #include "process.h"
 #include "work_priv.h"
 
-enum { FILES = 16 };
-
 struct work_attempt {
 	struct work *work;
 	enum work_phase phase;
@@ -23,7 +21,7 @@ struct work_attempt {
 	int64_t begun_us;
 	uint64_t begun_ns;
 	struct work_out out; /* lines of results */
-	char file[FILES][WORK_NAME];
+	char file[WORK_FILES][WORK_NAME];
 	unsigned nfile;
 	bool stays; /* its files: they are, or may be, named by the record */
 };
@@ -107,8 +105,8 @@ int work_attempt_file(struct work_attempt *a, const char *folder, const char *ki
 {
 	int n;
 
-	if (a->nfile == FILES)
-		return err_set(err, ERR_INTERNAL, "a task has more than %d files", FILES);
+	if (a->nfile == WORK_FILES)
+		return err_set(err, ERR_INTERNAL, "a task has more than %d files", WORK_FILES);
 	n = snprintf(ret, WORK_NAME, "%s%s%s-%" PRIu32 "-%016" PRIx64 "%s", folder, *folder ? "/" : "", kind, a->task, a->number,
 		     suffix);
 	if (n >= WORK_NAME)

@@ -24,6 +24,8 @@ enum {
 	MAX_WINDOW = 1 << 20, /* bytes that are read at a time */
 };
 
+_Static_assert((int)GRID_REWRITE_MOST == (int)GRID_MERGE_INPUTS, "all segments are merged at once");
+
 struct grid_rewrite {
 	struct grid_pass *pass;
 	struct grid_segment_info *info; /* of each segment, copied */

@@ -16,11 +16,12 @@
 
 struct err;
 
+enum { GRID_REWRITE_MOST = 512 }; /* segments */
 struct grid_rewrite;
 struct grid_rewrite_params {
 	int dirfd;                                /* of the old segments, and of the new one; borrowed until the end */
 	const struct grid_segment_info *segments; /* borrowed during grid_rewrite_new only */
-	size_t nsegments;                         /* at most 512 */
+	size_t nsegments;                         /* at most GRID_REWRITE_MOST */
 	size_t nsources;      /* the most sources that all of them have together; or that one has, if no two share one */
 	const char *name;     /* file name stem of the new segment */
 	const uint32_t *drop; /* sources whose records are omitted, ascending; borrowed until the end */
