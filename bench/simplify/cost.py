@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Views with an error beside plain ones, in a daemon: surveys of several regions, without lines and with breaklines.
 
-usage: cost.py BUILD [--points N] [--errors LIST] [--vertices N] [--memory SIZE] [--threads N] [--runs N] [--acutd PROGRAM] [--work FOLDER]
-                     [--keep]
+usage: cost.py BUILD [--points N] [--errors LIST] [--vertices N] [--memory SIZE] [--threads N] [--runs N] [--only plain|lines]
+                     [--file LAS] [--acutd PROGRAM] [--no-verify] [--work FOLDER] [--keep]
 
 The survey is made by acut-synth; the six breaklines follow it from side to side, as waves. CPU time of acutd (user and system) for the
 whole job, as a ratio to the plain mesh of the same dataset: the base of the view with breaklines is the mesh with the same breaklines.
@@ -76,7 +76,7 @@ def measure(d, table, args, folder, file):
     for name in ("plain", "lines"):
         d.ctl("push", name, file).ok()
     d.ctl("push", "lines", lines, "--lines-as", "hard", "--assume-crs", info["crs"], "--assume-units", "m,m").ok()
-    for name in ("plain", "lines"):
+    for name in args.only or ("plain", "lines"):
         plain = Job(d, name, "%s mesh" % name, [])
         jobs = [Job(d, name, "%s %s" % (name, e), ["--max-error", e + "m"]) for e in errors]
         for _ in range(args.runs):
@@ -103,6 +103,7 @@ def body():
     p.add_argument("--memory", default="256M")
     p.add_argument("--threads", type=int, default=1)
     p.add_argument("--runs", type=int, default=5)
+    p.add_argument("--only", nargs="*", choices=("plain", "lines"), help="one of the two")
     p.add_argument("--file", help="this survey, which is in metres, in place of one of acut-synth")
     p.add_argument("--acutd", help="measure this one, in place of that of the build")
     p.add_argument("--no-verify", action="store_true", help="do not check the last mesh of each view by acut-verify")
