@@ -1,7 +1,8 @@
 /*
  * What a simplification costs and keeps, one thread, without daemon: CPU time of a plain mesh of the same view, of each step, and
  * of the mesh of the result; the share of the points that greedy insertion into one block of all points keeps, and that of the
- * result. usage: bench-simplify FILE.las FOLDER CLASSES ERROR... ("" for all classes; errors in the unit of z)
+ * result. usage: bench-simplify FILE.las FOLDER CLASSES ERROR... ("" for all classes; errors in the unit of z; q0.1: without
+ * greedy insertion; n1000: a number of points)
  */
 #include <fcntl.h>
 #include <inttypes.h>
@@ -131,8 +132,8 @@ static int steps(struct simplify *s, void *memory, struct err *err)
 	return r == SIMPLIFY_E_DONE ? 0 : r;
 }
 
-static int one(int dirfd, const struct grid *grid, const struct view *view, int64_t error, uint64_t most, double plain,
-	       void *memory, struct err *err)
+static int one(int dirfd, const struct grid *grid, const struct view *view, int64_t error, uint64_t most, bool strict_too,
+	       double plain, void *memory, struct err *err)
 {
 	struct simplify_params p = {
 		.grid = grid, .view = view, .max_error = error, .max_points = most, .memory = MEMORY, .index_memory = 8 << 20};
@@ -161,7 +162,7 @@ static int one(int dirfd, const struct grid *grid, const struct view *view, int6
 		r = grid_open(p.dirfd, SIMPLIFY_MANIFEST, GRID_NEWEST, NULL, 8 << 20, &result, err);
 	if (!r)
 		r = mesh(result, &rest, memory, &last, &totals, err);
-	if (!r && !most)
+	if (!r && !most && strict_too)
 		r = greedy(grid, view, error, &strict, &kept, err);
 	if (r)
 		return r;
@@ -200,11 +201,14 @@ static int all(int dirfd, int argc, char **argv, struct err *err)
 		printf("%s: %" PRIu64 " points, plain mesh %.3f s, %.3f us a point\n", argv[1], totals.counts.used, plain,
 		       plain * 1e6 / (double)totals.counts.used);
 	for (int i = 4; !r && i < argc; i++) {
-		bool most = argv[i][0] == 'n'; /* n1000: a number of points */
+		bool most = argv[i][0] == 'n';  /* n1000: a number of points */
+		bool quick = argv[i][0] == 'q'; /* q0.1: without greedy insertion into one block */
 
 		r = one(dirfd, grid, &view,
-			most ? 0 : (int64_t)(strtod(argv[i], NULL) / decimal_double(grid_manifest(grid)->lattice.scale_z) + 1e-6),
-			most ? strtoull(argv[i] + 1, NULL, 10) : 0, plain, memory, err);
+			most ? 0 :
+			       (int64_t)(strtod(argv[i] + quick, NULL) / decimal_double(grid_manifest(grid)->lattice.scale_z) +
+					 1e-6),
+			most ? strtoull(argv[i] + 1, NULL, 10) : 0, !quick, plain, memory, err);
 	}
 	grid_close(grid);
 	free(memory);
@@ -218,7 +222,7 @@ int main(int argc, char **argv)
 	int dirfd, r;
 
 	if (argc < 5) {
-		fputs("usage: bench-simplify FILE.las FOLDER CLASSES ERROR|nPOINTS...\n", stderr);
+		fputs("usage: bench-simplify FILE.las FOLDER CLASSES ERROR|qERROR|nPOINTS...\n", stderr);
 		return 2;
 	}
 	r = io_open(AT_FDCWD, argv[2], O_RDONLY | O_DIRECTORY, 0, &dirfd, &err);

@@ -411,6 +411,7 @@ static int choose(struct constrain_work *w)
 	}
 	w->c->chosen = chosen;
 	w->c->special = w->special;
+	w->c->inserted = w->p;
 	w->c->pieces = w->npiece;
 	w->c->crossed = w->nown;
 	return w->c->area || w->c->lines->state ? choose_all(w, w->special, chosen) : 0;

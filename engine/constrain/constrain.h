@@ -61,6 +61,7 @@ struct constrain {
 	/* In the arena, a bit for each triangle of `tri`: the domain has those that are chosen, and those that are not special
 	 * and that the region owns. special NULL: those that are chosen; chosen NULL: those that the region owns. */
 	const uint64_t *chosen, *special;
+	struct tri_pieces *inserted;            /* to add positions to `tri`, in the arena, if there are pieces; else NULL */
 	uint32_t pieces, crossed, added, turns; /* pieces; owned triangles that are crossed; positions beyond P(B) */
 	uint64_t cells_read, points_read;
 	struct cut_lines depends; /* what it depends on beside P(B), without the sum */

@@ -176,8 +176,10 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
  * `memory`, behind what a reader of the grid needs.
  */
 struct tri;
+struct tri_pieces;
 struct pipe_kernel {
 	struct tri *tri;
+	struct tri_pieces *pieces;        /* to add positions to it; NULL: it has no pieces */
 	const uint64_t *chosen, *special; /* as of struct finish_choice; `chosen` is NULL: owned by cut_region_owns */
 	bool flat;
 	struct mesh_counts counts;

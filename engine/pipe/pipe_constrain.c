@@ -26,7 +26,7 @@ static int trace_lines(const struct constrain *c, uint32_t cap, struct cut_trace
 
 int pipe_constrain(const struct grid *grid, const struct view *view, const struct cut_region *region,
 		   const struct pipe_budget *budget, void *memory, struct tri **tri, uint32_t tri_cap, struct mesh_counts *counts,
-		   struct finish_choice *ret, uint64_t *ret_need, struct err *err)
+		   struct finish_choice *ret, struct tri_pieces **ret_pieces, uint64_t *ret_need, struct err *err)
 {
 	struct cut_trace *trace = &((struct pipe_trace *)memory)->trace;
 	struct cut_cover cover = {.trace = trace};
@@ -55,6 +55,7 @@ int pipe_constrain(const struct grid *grid, const struct view *view, const struc
 	grid_reader_free(reader);
 	*tri = c.tri;
 	*ret = (struct finish_choice){c.chosen, c.special};
+	*ret_pieces = c.inserted;
 	counts->halo += c.added;
 	counts->cells_read += c.cells_read;
 	counts->points_read += c.points_read;

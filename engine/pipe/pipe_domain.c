@@ -129,7 +129,7 @@ static int run_kernel(const struct grid *grid, const struct view *view, const st
 	k->flat = tri_run(k->tri, load->n) == TRI_E_FLAT;
 	if (k->flat || !grid_lines(grid))
 		return 0;
-	r = pipe_constrain(grid, view, region, budget, memory, &k->tri, cap, &k->counts, &choice, ret_need, err);
+	r = pipe_constrain(grid, view, region, budget, memory, &k->tri, cap, &k->counts, &choice, &k->pieces, ret_need, err);
 	k->chosen = choice.chosen;
 	k->special = choice.special;
 	return r;

@@ -57,7 +57,7 @@ int pipe_weight_check(const struct grid *grid, const struct view *view, struct e
  * NULL), of *tri, which may become another one. PIPE_E_SPLIT as of pipe_domain. */
 int pipe_constrain(const struct grid *grid, const struct view *view, const struct cut_region *region,
 		   const struct pipe_budget *budget, void *memory, struct tri **tri, uint32_t tri_cap, struct mesh_counts *counts,
-		   struct finish_choice *ret, uint64_t *ret_need, struct err *err);
+		   struct finish_choice *ret, struct tri_pieces **ret_pieces, uint64_t *ret_need, struct err *err);
 /* Whether the view has fewer than three positions, or all are collinear; *ret_counts is then of all points, else of
  * those up to the first that is not collinear. And the domain of a loaded `flat` leaf: its vertices (pipe_flat.c). */
 int pipe_flat_scan(struct grid_reader *, const struct view *, bool *ret, struct mesh_counts *ret_counts, struct err *err);

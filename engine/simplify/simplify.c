@@ -18,17 +18,18 @@
 #include "simplify_round.h"
 
 static const char STATE[] = "state";
-static const char HEAD[] = "acut-simplify-state 1";
+static const char HEAD[] = "acut-simplify-state 2";
 
 #define ROW(field)                                             \
 	{                                                      \
 #field, offsetof(struct simplify_where, field) \
 	}
 static const struct simplify_row rows[] = {
-	ROW(step),       ROW(attempt),     ROW(round),    ROW(error),  ROW(tasks), ROW(parts),      ROW(chosen),
-	ROW(added),      ROW(seeds),       ROW(rounds),   ROW(tested), ROW(hull),  ROW(lines),      ROW(points),
-	ROW(flat),       ROW(records),     ROW(target),   ROW(low),    ROW(best),  ROW(best_error), ROW(best_chosen),
-	ROW(best_seeds), ROW(best_rounds), ROW(best_far), ROW(far),
+	ROW(step),       ROW(attempt),     ROW(round),    ROW(error),  ROW(tasks),   ROW(parts),      ROW(chosen),
+	ROW(added),      ROW(seeds),       ROW(rounds),   ROW(tested), ROW(hull),    ROW(lines),      ROW(points),
+	ROW(flat),       ROW(records),     ROW(target),   ROW(low),    ROW(best),    ROW(best_error), ROW(best_chosen),
+	ROW(best_seeds), ROW(best_rounds), ROW(best_far), ROW(far),    ROW(corner0), ROW(corner1),    ROW(corner2),
+	ROW(lost),       ROW(regions),     ROW(stars),
 };
 enum { ROWS = sizeof rows / sizeof *rows };
 
@@ -144,10 +145,10 @@ static bool is_needed(const struct simplify *s, const char *name)
 		return true;
 	for (uint32_t i = 0; i < at->tasks; i++)
 		if (!strcmp(name, task_file(s, i, other)) ||
-		    (at->round && !strcmp(name, simplify_name(other, "bad", at->attempt, at->round - 1, i))))
+		    !strcmp(name, simplify_name(other, "edge", at->attempt, at->round, i)))
 			return true;
 	return !strcmp(name, simplify_name(other, "plan", at->attempt, 0, 0)) ||
-	       !strcmp(name, simplify_name(other, "fresh", at->attempt, at->round, 0)) ||
+	       !strcmp(name, simplify_name(other, "star", at->attempt, at->round, 0)) ||
 	       is_of_grid(s, simplify_name(other, "chosen", at->attempt, at->round, 0), name);
 }
 
@@ -182,8 +183,8 @@ static int check_files(const struct simplify *s, struct err *err)
 		whole = simplify_file_whole(s->p.dirfd, name);
 	if (s->at.step == SIMPLIFY_CHECK)
 		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "plan", s->at.attempt, 0, 0));
-	if (s->at.step == SIMPLIFY_CHECK && whole && s->at.round)
-		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "fresh", s->at.attempt, s->at.round, 0));
+	if (s->at.step == SIMPLIFY_CHECK && whole && s->at.stars)
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "star", s->at.attempt, s->at.round, 0));
 	if (whole)
 		return 0;
 	err_set(err, ERR_CORRUPT, "a file of a simplification is damaged");

@@ -28,9 +28,14 @@ struct simplify_where {
 	uint64_t error;                        /* that holds, or is tried */
 	uint64_t tasks, parts;                 /* of the present step; of the blocks */
 	uint64_t chosen, added, seeds, rounds; /* of this attempt; positions */
-	uint64_t tested, far;                  /* far: the greatest error that the last round found, in thousandths */
-	uint64_t hull, lines, points;          /* corners of the hull that are no vertices of lines */
-	uint64_t flat;                         /* the view makes no triangle: all its points are kept */
+	uint64_t tested;
+	uint64_t regions; /* of the first round of this attempt */
+	uint64_t stars;   /* points around which this round tests; 0: it tests all regions */
+	uint64_t far, corner0, corner1,
+		corner2;              /* the greatest error, in thousandths, of triangles that were tested; such a one */
+	uint64_t lost;                /* that triangle is gone */
+	uint64_t hull, lines, points; /* corners of the hull that are no vertices of lines */
+	uint64_t flat;                /* the view makes no triangle: all its points are kept */
 	uint64_t records;
 	/* With max_points: how many the blocks should insert; the greatest error that gave too many points, plus one, or 0; and
 	 * the least that did not, with its attempt plus one (0: none) and numbers. */
@@ -46,10 +51,10 @@ struct simplify {
 	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
 	 * 0: SIMPLIFY_SEGMENTS. */
 	uint32_t load, block, segments;
-	/* For tests: how many regions were not read in a round, or tested twice; only points in a region count as near, which
-	 * is wrong. */
-	atomic_uint *unread, *twice;
-	bool narrow;
+	/* For tests: how many points regions added around which no later round tests; rounds that tested all regions again; all
+	 * points that regions add count as such, which is wrong. */
+	atomic_uint *settled, *again;
+	bool inward;
 };
 
 int simplify_report_write(int dirfd, const struct simplify_report *, struct err *err);
@@ -95,7 +100,8 @@ struct simplify_seed {
 int simplify_part(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_part_bytes(const struct grid *);
 
-/* The file "bad-ATTEMPT-ROUND-TASK": struct point, each batch sorted; info: struct simplify_found. */
+/* The file "bad-ATTEMPT-ROUND-TASK": struct point; info: struct simplify_found. Before it, in a round that tests regions,
+ * "edge-ATTEMPT-ROUND-TASK": points of it around which a later round is to test. */
 int simplify_check(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_check_bytes(const struct simplify_params *);
 

@@ -15,8 +15,10 @@
 
 #include "cut_owner.h"
 #include "err.h"
+#include "geom.h"
+#include "tri_piece.h"
 
-enum { NONE = UINT16_MAX, THOUSAND = 1000 };
+enum { NONE = UINT16_MAX, THOUSAND = 1000, CAVITY = 256 };
 
 static inline bool is_ghost(const struct tri_triangle *t)
 {
@@ -47,18 +49,6 @@ static uint64_t place_of(const struct simplify_check *c, uint32_t v)
 	return digest_place(c->tri.xy[v][0], c->tri.xy[v][1]);
 }
 
-/* Whether it is the triangle that had the greatest error in the round before. */
-static bool is_before(const struct simplify_check *c, uint32_t i)
-{
-	const uint32_t *v = c->tri.triangle[i].corner;
-	const uint64_t *at = c->before.corner;
-
-	for (unsigned k = 0; k < 3; k++)
-		if (place_of(c, v[k]) == at[0])
-			return place_of(c, v[(k + 1) % 3]) == at[1] && place_of(c, v[(k + 2) % 3]) == at[2];
-	return false;
-}
-
 static void join_corners(const struct simplify_check *c, uint32_t i, bool first, int32_t box[4])
 {
 	for (unsigned n = 0; n < 3; n++) {
@@ -72,8 +62,10 @@ static void join_corners(const struct simplify_check *c, uint32_t i, bool first,
 	}
 }
 
-/* Marks and lists them; *ret_box contains them. */
-static void find_mine(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, int32_t ret_box[4])
+/* Marks and lists those with a fresh corner; *ret_box contains them. First those that the region owns; what was added is in these
+ * only, so that then all triangles are the region's. */
+static void find_mine(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, bool first,
+		      int32_t ret_box[4])
 {
 	struct cut_owner owner;
 
@@ -86,7 +78,7 @@ static void find_mine(struct simplify_check *c, const struct pipe_kernel *k, con
 			continue;
 		/* The place may be that of a triangle that is gone. */
 		c->mine[i / 64] &= ~(UINT64_C(1) << i % 64);
-		if (ghost || !is_own(c, k, &owner, i))
+		if (ghost || (first && !is_own(c, k, &owner, i)))
 			continue;
 		c->mine[i / 64] |= UINT64_C(1) << i % 64;
 		c->worst[i].tag = NONE;
@@ -183,7 +175,7 @@ static int add_point(void *ctx, const struct point *p, struct err *err)
 
 /* ---- a region ---- */
 
-static int read_points(struct simplify_check *c, struct err *err)
+int simplify_check_read(struct simplify_check *c, struct err *err)
 {
 	size_t n = simplify_raster_ranges(&c->raster);
 	struct grid_reader *reader;
@@ -229,12 +221,13 @@ static void find_bad(struct simplify_check *c)
 }
 
 /* Tests the triangles with a fresh corner. The farthest points of those in the list then are to be added. */
-static int test_fresh(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
+static int test_fresh(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, bool first,
+		      struct err *err)
 {
 	int32_t box[4];
 	int r;
 
-	find_mine(c, k, region, box);
+	find_mine(c, k, region, first, box);
 	if (!c->nlist)
 		return 0;
 	simplify_raster_init(&c->raster, box);
@@ -245,7 +238,7 @@ static int test_fresh(struct simplify_check *c, const struct pipe_kernel *k, con
 
 		simplify_raster_mark(&c->raster, c->tri.xy[v[0]], c->tri.xy[v[1]], c->tri.xy[v[2]]);
 	}
-	r = read_points(c, err);
+	r = simplify_check_read(c, err);
 	if (r)
 		return r;
 	find_bad(c);
@@ -254,75 +247,120 @@ static int test_fresh(struct simplify_check *c, const struct pipe_kernel *k, con
 	return r;
 }
 
-/* Adds these points to the triangulation; they alone are fresh then. False: not all of them fit. */
-static bool add_bad(struct simplify_check *c, const struct pipe_kernel *k)
+/* Whether all triangles that have the point in their circle, and those around them, are the region's, so that no other region
+ * changes them. `root`: the one that has the point. */
+static bool is_inner(const struct simplify_check *c, uint32_t root, const int32_t at[2])
+{
+	uint32_t link[CAVITY], n = 1;
+
+	if (is_ghost(&c->tri.triangle[root]) || !simplify_bit(c->mine, root))
+		return false;
+	link[0] = root << 3 | 6;
+	for (uint32_t i = 0; i < n; i++)
+		for (uint32_t side = 0; side < 3; side++) {
+			uint32_t next = c->tri.triangle[link[i] >> 3].link[side], there = next >> 3;
+			const struct tri_triangle *t = &c->tri.triangle[there];
+
+			if (side == (link[i] & 6) >> 1 || next & 1)
+				continue;
+			if (is_ghost(t) || !simplify_bit(c->mine, there))
+				return false;
+			if (geom_incircle(c->tri.xy[t->corner[0]], c->tri.xy[t->corner[1]], c->tri.xy[t->corner[2]], at) <= 0)
+				continue;
+			if (n == CAVITY)
+				return false;
+			link[n++] = next;
+		}
+	return true;
+}
+
+/* Adds a point to the triangulation, if that is inner. *ret_added: whether it did. False: it has no more room. */
+static bool add_inner(struct simplify_check *c, const struct pipe_kernel *k, const struct point *p, uint32_t near,
+		      bool *ret_added)
+{
+	const int32_t at[2] = {p->x, p->y};
+	const struct mesh_vertex v = {p->x, p->y, p->z};
+	uint32_t root = tri_walk(k->tri, at, near), n = c->tri.ntriangle;
+	int full;
+
+	*ret_added = false;
+	if (!is_inner(c, root, at) && !c->s->inward)
+		return true;
+	full = k->pieces ? tri_piece_add(k->pieces, &v, root, &n) : tri_add(k->tri, &v, 1, false);
+	if (full == TRI_E_FULL)
+		return false;
+	*ret_added = !full;
+	n = c->tri.ntriangle;
+	tri_result(k->tri, &c->tri);
+	/* The others have the places of those that are gone. */
+	for (; n < c->tri.ntriangle; n++)
+		c->mine[n / 64] |= UINT64_C(1) << n % 64;
+	return true;
+}
+
+/* Adds these points, if they are inner; those alone are fresh then. Around others a later round tests. */
+static int add_bad(struct simplify_check *c, const struct pipe_kernel *k, struct err *err)
 {
 	uint32_t before = tri_count(k->tri);
+	int r = 0;
 
-	for (uint32_t i = 0; i < c->nlist; i++) {
+	for (uint32_t i = 0; !r && i < c->nlist; i++) {
 		const struct point *p = &c->worst[c->list[i]];
-		const struct mesh_vertex v = {p->x, p->y, p->z};
+		bool added = false;
 
-		if (tri_add(k->tri, &v, 1, false) == TRI_E_FULL)
-			return false;
+		if (!c->found.full && !add_inner(c, k, p, c->list[i], &added))
+			c->found.full = 1;
+		if (!added)
+			r = simplify_out_add(&c->edge, p, 1, err);
+		else if (c->s->settled)
+			atomic_fetch_add(c->s->settled, 1);
 	}
 	memset(c->fresh, 0, (c->budget.cap + 63) / 64 * sizeof *c->fresh);
 	for (uint32_t i = before; i < tri_count(k->tri); i++)
 		c->fresh[i / 64] |= UINT64_C(1) << i % 64;
-	tri_result(k->tri, &c->tri);
-	return true;
+	return r;
+}
+
+void simplify_found_far(struct simplify_found *found, geom_u128 most, geom_i128 area, const uint64_t corner[3])
+{
+	if (most * THOUSAND <= found->far * (geom_u128)area)
+		return;
+	found->far = (uint64_t)((most * THOUSAND + (geom_u128)area - 1) / (geom_u128)area);
+	memcpy(found->corner, corner, sizeof found->corner);
 }
 
 /* The greatest error of the triangles that stay: one from which a point is too far will go. */
 static void measure(struct simplify_check *c)
 {
-	for (uint32_t i = 0; c->found.far != SIMPLIFY_UNKNOWN && i < c->tri.ntriangle; i++) {
+	for (uint32_t i = 0; i < c->tri.ntriangle; i++) {
 		const uint32_t *v = c->tri.triangle[i].corner;
 
 		if (!simplify_bit(c->mine, i) || c->worst[i].tag == NONE)
 			continue;
 		set_plane(c, i);
-		if (c->most * THOUSAND <= c->found.far * (geom_u128)c->plane.area ||
-		    simplify_plane_beyond(&c->plane, c->most, (int64_t)c->s->at.error))
-			continue;
-		c->found.far = (uint64_t)((c->most * THOUSAND + (geom_u128)c->plane.area - 1) / (geom_u128)c->plane.area);
-		for (unsigned k = 0; k < 3; k++)
-			c->found.corner[k] = place_of(c, v[k]);
+		if (!simplify_plane_beyond(&c->plane, c->most, (int64_t)c->s->at.error))
+			simplify_found_far(&c->found, c->most, c->plane.area,
+					   (const uint64_t[]){place_of(c, v[0]), place_of(c, v[1]), place_of(c, v[2])});
 	}
 }
 
-/* Whether the triangle that had the greatest error in the round before is still there, and was not tested again. */
-static void find_again(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region)
-{
-	struct cut_owner owner;
-
-	cut_owner_init(&owner, region);
-	if (c->all || c->again || c->found.far == SIMPLIFY_UNKNOWN)
-		return;
-	for (uint32_t i = 0; !c->again && i < c->tri.ntriangle; i++)
-		c->again =
-			!is_ghost(&c->tri.triangle[i]) && !simplify_bit(c->mine, i) && is_before(c, i) && is_own(c, k, &owner, i);
-}
-
-/* With pieces no point is added here: pipe_kernel does not keep what adding to pieces needs. */
 int simplify_region(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
 {
-	int r;
+	int r = 0;
 
-	c->sink.ctx = c;
 	c->sink.point = add_point;
 	memset(c->mine, 0, (2 * (size_t)c->budget.cap + 63) / 64 * sizeof *c->mine);
-	for (;;) {
-		r = test_fresh(c, k, region, err);
-		if (r || !c->nlist || k->chosen)
+	memset(c->fresh, 0xff, (c->budget.cap + 63) / 64 * sizeof *c->fresh);
+	for (bool first = true; !r; first = false) {
+		uint32_t before = c->tri.nvertex;
+
+		r = test_fresh(c, k, region, first, err);
+		if (!r)
+			r = add_bad(c, k, err);
+		if (c->tri.nvertex == before)
 			break;
-		if (!add_bad(c, k)) {
-			c->found.far = SIMPLIFY_UNKNOWN;
-			break;
-		}
 	}
-	c->open = c->open || c->nlist;
-	measure(c);
-	find_again(c, k, region);
+	if (!r)
+		measure(c);
 	return r;
 }

@@ -9,10 +9,13 @@
 #include <string.h>
 
 #include "err.h"
+#include "geom.h"
 #include "io.h"
 #include "pipe.h"
 #include "simplify_region.h"
 #include "simplify_seed.h"
+
+enum { STARS = 128 }; /* of a task, if there are enough tasks */
 
 /* ---- a new round ---- */
 
@@ -55,7 +58,7 @@ static int make_plan(struct simplify *next, struct err *err)
 	}
 	if (!r)
 		r = write_plan(next, &plan, err);
-	next->at.tasks = plan.n;
+	next->at.regions = plan.n;
 	cut_plan_done(&plan);
 	free(memory);
 	return r;
@@ -80,7 +83,17 @@ static int begin_round(struct simplify *next, struct err *err)
 	int r = simplify_grid(next, chosen_name(next, name), &next->chosen, err);
 
 	next->at.step = SIMPLIFY_CHECK;
-	return r || next->at.round ? r : make_plan(next, err);
+	if (!r && !next->at.round)
+		r = make_plan(next, err);
+	if (next->at.stars) {
+		uint64_t tasks = (next->at.stars + STARS - 1) / STARS;
+
+		next->at.tasks = tasks < SIMPLIFY_PARTS ? tasks : SIMPLIFY_PARTS;
+		return r;
+	}
+	next->at.tasks = next->at.regions;
+	next->at.far = next->at.lost = 0;
+	return r;
 }
 
 /* ---- an attempt ---- */
@@ -95,7 +108,7 @@ static int begin_attempt(struct simplify *next, struct err *err)
 	r = simplify_seed_grid(next, next->at.error, name, &segment, err);
 	if (r)
 		return r;
-	next->at.round = next->at.rounds = next->at.added = 0;
+	next->at.round = next->at.rounds = next->at.added = next->at.stars = 0;
 	next->at.chosen = next->at.seeds = segment.points;
 	r = write_chosen(next, &segment, 1, err);
 	if (!next->at.flat)
@@ -252,16 +265,15 @@ static int end_all(struct simplify *next, struct err *err)
 
 /* ---- what a round added ---- */
 
-/* The points of one task. */
-static int collect_task(const struct simplify *s, uint32_t task, struct simplify_stage *to, struct simplify_found *ret,
-			struct err *err)
+/* The points of a file of a task. */
+static int collect_task(const struct simplify *s, const char *what, uint32_t task, struct simplify_stage *to,
+			struct simplify_found *ret, struct err *err)
 {
 	char name[GRID_NAME_MAX];
 	struct point pts[256];
 	struct simplify_in in;
 	size_t n = 0;
-	int r = simplify_in_begin(&in, s->p.dirfd, simplify_name(name, "bad", s->at.attempt, s->at.round, task), sizeof *pts,
-				  err);
+	int r = simplify_in_begin(&in, s->p.dirfd, simplify_name(name, what, s->at.attempt, s->at.round, task), sizeof *pts, err);
 
 	if (r)
 		return r;
@@ -275,10 +287,9 @@ static int collect_task(const struct simplify *s, uint32_t task, struct simplify
 	return r;
 }
 
-/* Writes the points of all tasks as a segment. A point may be in it twice. Adds to *ret_all the tests, the flags, and the
- * greatest error. */
-static int collect(const struct simplify *s, const char *segment, struct grid_segment_info *ret, struct simplify_found *ret_all,
-		   struct err *err)
+/* Writes the points of all tasks as a segment. A point may be in it twice. Adds to *ret_all the tests, and the greatest error. */
+static int collect(const struct simplify *s, const char *what, const char *segment, struct grid_segment_info *ret,
+		   struct simplify_found *ret_all, struct err *err)
 {
 	struct simplify_stage *to = malloc(sizeof *to);
 	struct simplify_found one;
@@ -288,12 +299,15 @@ static int collect(const struct simplify *s, const char *segment, struct grid_se
 		return err_set(err, ERR_NOMEM, "no memory for the points of a round");
 	r = simplify_stage_begin(to, s, segment, true, s->p.memory - sizeof *to, err);
 	for (uint32_t i = 0; !r && i < s->at.tasks; i++) {
-		r = collect_task(s, i, to, &one, err);
+		r = collect_task(s, what, i, to, &one, err);
 		if (!r)
 			r = simplify_cancelled(s, err);
 		ret_all->tests += one.tests;
-		ret_all->far = one.far > ret_all->far ? one.far : ret_all->far;
-		ret_all->is |= one.is;
+		ret_all->full |= one.full;
+		if (one.far > ret_all->far) {
+			ret_all->far = one.far;
+			memcpy(ret_all->corner, one.corner, sizeof one.corner);
+		}
 	}
 	if (!r)
 		r = simplify_stage_end(to, ret, err);
@@ -302,56 +316,93 @@ static int collect(const struct simplify *s, const char *segment, struct grid_se
 	return r;
 }
 
-struct fresh {
-	struct simplify_out out;
+/* The positions of a segment. */
+struct positions {
+	struct simplify_out out; /* their keys */
 	struct simplify_sink sink;
+	uint64_t n;
+	int32_t corner[3][2]; /* of the triangle of the greatest error; */
+	bool any, gone;       /* there is one; a position is in its circle */
 };
 
-static int write_key(void *ctx, const struct point *p, struct err *err)
+static int take_position(void *ctx, const struct point *p, struct err *err)
 {
-	struct fresh *f = ctx;
+	struct positions *w = ctx;
+	const int32_t at[2] = {p->x, p->y};
 	uint64_t key = point_morton(p->x, p->y);
+	bool corner = false;
 
-	return simplify_out_add(&f->out, &key, 1, err);
+	w->n++;
+	for (unsigned k = 0; k < 3; k++)
+		corner = corner || !memcmp(w->corner[k], at, sizeof at);
+	if (w->any && !corner && geom_incircle(w->corner[0], w->corner[1], w->corner[2], at) > 0)
+		w->gone = true;
+	return simplify_out_add(&w->out, &key, 1, err);
 }
 
-/* The keys of a segment's points, for the next round; *ret: how many. */
-static int write_fresh(const struct simplify *next, struct grid_segment_info *segment, uint64_t *ret, struct err *err)
+static void set_corners(const struct simplify_where *at, struct positions *w)
 {
-	struct fresh *f = malloc(sizeof *f);
+	const uint64_t place[3] = {at->corner0, at->corner1, at->corner2};
+
+	w->n = 0;
+	w->gone = false;
+	w->any = at->far;
+	for (unsigned k = 0; k < 3; k++) {
+		uint64_t plain = place[k] ^ UINT64_C(0x8000000080000000);
+
+		w->corner[k][0] = (int32_t)(uint32_t)(plain >> 32);
+		w->corner[k][1] = (int32_t)(uint32_t)plain;
+	}
+}
+
+static int scan_segment(const struct simplify *next, struct grid_segment_info *segment, struct positions *w, struct err *err)
+{
 	struct grid_reader *reader;
-	char name[GRID_NAME_MAX];
 	struct grid *grid = NULL;
 	void *memory = NULL;
-	int r = f ? 0 : err_set(err, ERR_NOMEM, "no memory for the points of a round");
+	int r = simplify_manifest(next, "added", segment, 1, 0, err);
 
-	if (!r)
-		r = simplify_manifest(next, "added", segment, 1, 0, err);
 	if (!r)
 		r = simplify_grid(next, "added", &grid, err);
 	if (!r && !(memory = malloc(grid_reader_bytes(grid))))
 		r = err_set(err, ERR_NOMEM, "no memory for the points of a round");
 	if (!r)
-		r = simplify_out_begin(&f->out, next->p.dirfd, simplify_name(name, "fresh", next->at.attempt, next->at.round, 0),
-				       sizeof(uint64_t), err);
-	if (r)
-		goto out;
-	simplify_sink_init(&f->sink, next, &next->rest);
-	f->sink.ctx = f;
-	f->sink.point = write_key;
-	r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
+		r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
 	if (!r) {
-		r = simplify_scan(&f->sink, reader, 0, UINT64_MAX, err);
+		simplify_sink_init(&w->sink, next, &next->rest);
+		w->sink.ctx = w;
+		w->sink.point = take_position;
+		r = simplify_scan(&w->sink, reader, 0, UINT64_MAX, err);
 		grid_reader_free(reader);
 	}
-	*ret = f->out.n;
-	if (!r)
-		r = simplify_out_end(&f->out, NULL, err);
-	simplify_out_abort(&f->out);
-out:
 	grid_close(grid);
 	free(memory);
-	free(f);
+	return r;
+}
+
+/* Writes the keys of a segment's positions into a file of this name; *ret: how many. Notes if the triangle of the greatest error
+ * is gone. */
+static int write_positions(struct simplify *next, struct grid_segment_info *segment, const char *what, uint64_t *ret,
+			   struct err *err)
+{
+	struct positions *w = malloc(sizeof *w);
+	char name[GRID_NAME_MAX];
+	int r;
+
+	if (!w)
+		return err_set(err, ERR_NOMEM, "no memory for the points of a round");
+	set_corners(&next->at, w);
+	r = simplify_out_begin(&w->out, next->p.dirfd, simplify_name(name, what, next->at.attempt, next->at.round, 0),
+			       sizeof(uint64_t), err);
+	if (!r) {
+		r = scan_segment(next, segment, w, err);
+		*ret = w->n;
+		if (!r)
+			r = simplify_out_end(&w->out, NULL, err);
+		simplify_out_abort(&w->out);
+	}
+	next->at.lost |= w->gone;
+	free(w);
 	return r;
 }
 
@@ -365,7 +416,8 @@ static int next_segments(const struct simplify *s, const struct simplify *next, 
 	int r;
 
 	memcpy(segments, m->segments, n * sizeof *segments);
-	segments[n++] = *added;
+	if (added)
+		segments[n++] = *added;
 	*ret_n = n;
 	if (n <= (s->segments ? s->segments : SIMPLIFY_SEGMENTS))
 		return 0;
@@ -393,27 +445,71 @@ static int add_segment(const struct simplify *s, struct simplify *next, struct g
 	return r;
 }
 
+/* The positions around which the next round is to test: those that were added around stars; else those at the edges of regions.
+ */
+static int find_stars(const struct simplify *s, struct simplify *next, struct err *err)
+{
+	struct simplify_found unused = {.tests = 0};
+	struct grid_segment_info edge;
+	char name[GRID_NAME_MAX];
+	int r;
+
+	if (s->at.stars) {
+		next->at.stars = next->at.added;
+		return 0;
+	}
+	r = collect(s, "edge", simplify_name(name, "edges", s->at.attempt, next->at.round, 0), &edge, &unused, err);
+	next->at.stars = 0;
+	return r || !edge.points ? r : write_positions(next, &edge, "star", &next->at.stars, err);
+}
+
+static void note_far(struct simplify_where *at, const struct simplify_found *found)
+{
+	if (found->far < at->far || (found->far == at->far && !at->lost))
+		return;
+	at->far = found->far;
+	at->corner0 = found->corner[0];
+	at->corner1 = found->corner[1];
+	at->corner2 = found->corner[2];
+	at->lost = 0;
+}
+
+/* All regions are tested again if that is the only way to know the greatest error, or if something did not fit. */
+static int next_round(struct simplify *next, bool again, struct err *err)
+{
+	if (!again && !next->at.stars && !next->at.lost)
+		return end_all(next, err);
+	if (again || !next->at.stars) {
+		next->at.stars = 0;
+		if (next->again)
+			atomic_fetch_add(next->again, 1);
+	}
+	return begin_round(next, err);
+}
+
 int simplify_end_round(const struct simplify *s, struct simplify *next, struct err *err)
 {
 	struct grid_segment_info added;
 	struct simplify_found found = {.tests = 0};
 	char name[GRID_NAME_MAX];
-	int r = collect(s, simplify_name(name, "added", s->at.attempt, s->at.round + 1, 0), &added, &found, err);
+	int r = collect(s, "bad", simplify_name(name, "added", s->at.attempt, s->at.round + 1, 0), &added, &found, err);
 
 	if (r)
 		return r;
 	next->at.tested += found.tests;
-	next->at.far = found.far;
-	if (!added.points)
+	note_far(&next->at, &found);
+	next->at.added = 0;
+	if (!added.points && !next->at.lost && !found.full)
 		return end_all(next, err);
 	next->at.round++;
-	next->at.rounds++;
-	r = write_fresh(next, &added, &next->at.added, err);
+	next->at.rounds += added.points > 0;
+	if (added.points)
+		r = write_positions(next, &added, s->at.stars ? "star" : "fresh", &next->at.added, err);
 	next->at.chosen += next->at.added;
 	if (r || (s->p.max_points && next->at.chosen > s->p.max_points))
 		return r ? r : end_attempt(next, err);
-	r = add_segment(s, next, &added, err);
-	if (r)
-		return r;
-	return found.is & SIMPLIFY_CLOSED ? end_all(next, err) : begin_round(next, err);
+	r = add_segment(s, next, added.points ? &added : NULL, err);
+	if (!r)
+		r = find_stars(s, next, err);
+	return r ? r : next_round(next, found.full, err);
 }

@@ -9,7 +9,7 @@
 #include "simplify_priv.h"
 
 uint64_t rng;
-atomic_uint fixture_unread, fixture_twice;
+atomic_uint fixture_settled, fixture_again;
 
 uint64_t rnd(uint64_t n)
 {
@@ -65,9 +65,9 @@ static void set_limits(struct simplify *s, const struct how *how)
 	s->load = how->load;
 	s->block = how->block;
 	s->segments = how->segments;
-	s->narrow = how->narrow;
-	s->unread = how->narrow ? NULL : &fixture_unread;
-	s->twice = how->narrow ? NULL : &fixture_twice;
+	s->inward = how->inward;
+	s->settled = how->inward ? NULL : &fixture_settled;
+	s->again = how->inward ? NULL : &fixture_again;
 }
 
 static void run_tasks(struct simplify **s, const struct simplify_params *p, const struct how *how, void *memory)

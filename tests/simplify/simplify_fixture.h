@@ -38,11 +38,11 @@ struct how {
 	uint32_t load, block, segments; /* for struct simplify; 0: as usual */
 	bool shuffle;                   /* tasks in any order */
 	unsigned stop;                  /* it is freed and opened again with this chance in a hundred */
-	bool narrow;                    /* points near a region do not count as near: wrong */
+	bool inward;                    /* all points that regions add count as theirs alone: wrong */
 	bool no_rounds;                 /* ends with the seeds: `folder` then has the grid of these only */
 };
-/* Of all that were made: regions that a round did not read, and that it tested twice. */
-extern atomic_uint fixture_unread, fixture_twice;
+/* Of all that were made: points that were added around which no later round tests; rounds that tested all regions again. */
+extern atomic_uint fixture_settled, fixture_again;
 /* Makes it in a new folder. */
 struct folder simplify_in_folder(const struct dataset *, const struct view *, const struct how *, struct simplify_report *ret);
 /* The result. */
