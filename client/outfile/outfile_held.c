@@ -203,7 +203,10 @@ static int open_held(struct outfile *o, const char *path, const char *tag, struc
 	if (r)
 		return err_add_file(err, path);
 	name = held_name(p.name, tag);
-	r = name ? io_open(p.dirfd, name, O_WRONLY | O_NOFOLLOW, 0, &o->fd, err) :
+	/* Written at once, not from the pages of this node later: a client of NFS fills the page before a write beyond the size
+	 * that it knows with zeros, and an attempt that was given up must not bring them over what another one wrote there since.
+	 */
+	r = name ? io_open(p.dirfd, name, O_WRONLY | O_DSYNC | O_NOFOLLOW, 0, &o->fd, err) :
 		   err_set(err, ERR_NOMEM, "no memory for a file name");
 	if (r && err->sys == ENOENT) {
 		err_clear(err);

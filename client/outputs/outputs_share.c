@@ -15,7 +15,7 @@
 #include "err.h"
 #include "outputs_priv.h"
 
-enum { BUFFER = 256 << 10, RECORDS = 2048, BEHIND = 16, FRONT = 0, VERTICES = 1, TRIANGLES = 2, KINDS = 3 };
+enum { BUFFER = 1 << 20, RECORDS = 2048, BEHIND = 16, FRONT = 0, VERTICES = 1, TRIANGLES = 2, KINDS = 3 };
 
 /* Bytes [from, to) of the file, through a buffer whose first byte is at `at`. */
 struct stripe {

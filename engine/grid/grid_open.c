@@ -113,8 +113,12 @@ static void take_live(struct grid *g, uint32_t segment)
 {
 	const struct grid_segment_info *info = &g->manifest->segments[segment];
 
-	g->live[segment] = (struct grid_live){
-		.points = info->points, .sum = info->sum, .all = true, .none = !info->points, .slots = info->points > 0};
+	g->live[segment] = (struct grid_live){.points = info->points,
+					      .sum = info->sum,
+					      .content = info->sum,
+					      .all = true,
+					      .none = !info->points,
+					      .slots = info->points > 0};
 }
 
 /* That all of its records are live was concluded from the manifest having all of its sources. */

@@ -450,6 +450,27 @@ def adopted():
         expect(r.status and "work folder" in r.err, r.err)
 
 
+def adopted_and_changed():
+    """What a domain depends on stands in its pack, also of segments that its task never opened: a change there makes it anew."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
+        wide, small = os.path.join(base, "a.las"), os.path.join(base, "b.las")
+        os.mkdir(os.path.join(base, "new"))
+        other = os.path.join(base, "new", "b.las")
+        for path, points, seed, at in (wide, 400000, 1, 0), (small, 300, 2, 20), (other, 300, 3, 150):
+            run([e2e.SYNTH, "--points", str(points), "--seed", str(seed), "--origin", "%d,%d,0" % (500000 + at, 5400000 + at), path]).ok()
+        work = Work(base, [wide, small], meshes=2, gathers=1)
+        d.ctl("dataset", "import", os.path.join(work.first, "dataset"), "valley").ok()
+        d.ctl("cache", "adopt", work.first).ok()
+        d.ctl("submit", "valley", "--wait").ok()
+        d.ctl("push", "valley", "--replaces", small, other).ok()
+        got = d.ctl("submit", "valley", "--wait", "--json").ok().json()
+        d.ctl("cache", "gc", "--all").ok()  # what is made now is made from points
+        d.ctl("push", "fresh", wide, other).ok()
+        want = d.ctl("submit", "fresh", "--wait", "--json").ok().json()
+        expect(got["digest"] == want["digest"] and got["vertex_digest"] == want["vertex_digest"], "%s, and not %s" % (got, want))
+        expect(0 < got["domains_reused"] < got["domains"], str(got))
+
+
 def adopted_by_another():
     """Whoever could add domains could change what others get."""
     if os.getuid():
@@ -475,5 +496,6 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format, by_all_tasks], "tiles": [tiles],
-          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, too_many_tiles, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
+                    adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))
