@@ -84,7 +84,7 @@ struct task {
 	const struct gather_params *p;
 	uint32_t index;
 	enum division divides;
-	struct work_attempt *attempt;
+	struct work_attempt *attempt; /* while it runs */
 	struct gather_input in;
 	struct gather_tiles *tiles; /* NULL: they are not divided */
 	uint64_t share[2];
@@ -100,18 +100,6 @@ void gather_part_name(const struct gather_params *p, uint32_t index, uint64_t at
 {
 	snprintf(buf, GATHER_PART, "%016llx-%u-%016llx", (unsigned long long)work_about(p->work)->id, index,
 		 (unsigned long long)attempt);
-}
-
-int gather_settled(const struct gather_params *p, enum work_phase phase, uint32_t index, int r, struct err *err)
-{
-	struct err ignored = ERR_INIT;
-	struct work_record *record = NULL;
-
-	if (r >= 0 || work_record_look(p->work, phase, index, &record, &ignored))
-		return r;
-	work_record_free(record);
-	err_clear(err);
-	return WORK_E_LOST;
 }
 
 static int lay_out(struct task *t, struct err *err)
@@ -131,15 +119,31 @@ static int lay_out(struct task *t, struct err *err)
 	return r;
 }
 
-static int on_entry(void *ctx, const struct store_pack_entry *e, struct err *err)
+/* Who makes which tiles, by the records of the phase mesh. */
+static int divide(struct task *t, uint32_t tasks, bool *ret_any, struct err *err)
 {
-	struct task *t = ctx;
-	int r = t->in.sums.domains == 1 ? lay_out(t, err) : 0; /* the first one */
+	int r = gather_tiles_new(t->p, t->p->memory / 8, &t->tiles, err);
 
-	return r ? r : gather_tiles_add(t->tiles, e, err);
+	if (!r)
+		r = lay_out(t, err);
+	for (uint32_t i = 0; i < t->in.npacks; i++)
+		for (uint32_t k = 0; k < t->in.pack[i].ngroup && !r; k++)
+			r = gather_tiles_add(t->tiles, &t->in.pack[i].group[k], err);
+	if (!r)
+		r = gather_tiles_check(t->tiles, err);
+	if (!r)
+		*ret_any = gather_tiles_share(t->tiles, t->index, tasks, t->share);
+	return r;
 }
 
-static bool on_wanted(void *ctx, const struct store_pack_entry *e)
+static bool group_wanted(void *ctx, const struct mesh_group *g)
+{
+	const struct task *t = ctx;
+
+	return gather_tiles_meets_group(t->tiles, g, t->share);
+}
+
+static bool domain_wanted(void *ctx, const struct store_pack_entry *e)
 {
 	const struct task *t = ctx;
 
@@ -150,7 +154,7 @@ static bool on_wanted(void *ctx, const struct store_pack_entry *e)
 static int memory_left(const struct task *t, uint64_t *ret, struct err *err)
 {
 	const uint64_t places = t->divides == BY_RECORDS ? gather_places_bytes(t->in.sums.domains) : 0,
-		       held = PROCESS + t->in.held + t->in.sums.memory + places, need = held + LEAST;
+		       held = PROCESS + t->in.held + t->in.memory + places, need = held + LEAST;
 
 	if (t->p->memory < need) {
 		err->need = need;
@@ -170,6 +174,7 @@ static int write_outputs(struct task *t, struct err *err)
 				      .share = {0, UINT64_MAX},
 				      .interrupted = t->p->interrupted,
 				      .ctx = t->p->ctx};
+	const struct gather_choice choice = {group_wanted, domain_wanted, t};
 	struct acut_mesh_sink sink;
 	struct pipe_totals totals;
 	uint64_t memory = 0;
@@ -185,7 +190,7 @@ static int write_outputs(struct task *t, struct err *err)
 		return r;
 	outputs_about(t->run, 0, NULL, t->in.manifest->generation);
 	sink = outputs_sink(t->run);
-	r = gather_emit(&t->in, t->tiles != NULL, t->tiles ? on_wanted : NULL, t, &sink, (size_t)(memory / 4), &totals, err);
+	r = gather_emit(&t->in, t->tiles ? &choice : NULL, &sink, (size_t)(memory / 4), &totals, err);
 	if (r && outputs_error(t->run)->code) {
 		*err = *outputs_error(t->run);
 		r = -(int)err->code;
@@ -280,7 +285,7 @@ static int write_shared(struct task *t, const struct stream_tail *tail, const si
 
 static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 {
-	const struct stream_tail tail = gather_tail(&t->in.sums);
+	const struct stream_tail tail = gather_tail(&t->in);
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	struct outputs_share share = {.block = gather_share_block(t->p),
 				      .tail = {.vertices = tail.vertices,
@@ -309,68 +314,57 @@ static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 	r = ctl_fetch_make(t->p->outputs, &opt, &t->run, err);
 	if (!r)
 		r = write_shared(t, &tail, range, &sums, err);
+	if (r == -ERR_GONE)
+		gather_share_gone(t->p, err);
 	return r ? r : record_shared(t, &sums, err);
 }
 
 static int run(struct task *t, struct err *err)
 {
 	const uint32_t tasks = work_about(t->p->work)->tasks[WORK_GATHER];
-	bool divides, any = !t->index;
-	int r = 0;
+	bool any = true;
+	int r;
 
 	if (tasks > 1)
 		t->divides = divides_tiles(t->p->outputs) ? BY_TILES : gather_shares(t->p->outputs) ? BY_RECORDS : BY_NOTHING;
-	divides = t->divides == BY_TILES;
 	if (!t->divides && t->index)
 		return 0;
-	if (divides)
-		r = gather_tiles_new(t->p, t->p->memory / 8, &t->tiles, err);
-	if (!r)
-		r = gather_input_read(&t->in, t->p, divides ? on_entry : NULL, t, err);
+	r = gather_input_read(&t->in, t->p, err);
 	if (!r)
 		r = gather_check_ply(t->p->outputs, t->in.sums.vertices, "mesh has", err);
-	if (!r && t->divides == BY_RECORDS) {
-		r = share_outputs(t, tasks, err);
-		return r ? r : write_list(t, err);
-	}
-	if (!r && divides)
-		r = gather_tiles_check(t->tiles, err);
-	if (!r && divides)
-		any = gather_tiles_share(t->tiles, t->index, tasks, t->share);
-	if (!r && any && divides && !t->in.sums.domains)
-		r = lay_out(t, err);
+	if (!r && t->divides == BY_TILES)
+		r = divide(t, tasks, &any, err);
 	if (!r && any)
-		r = write_outputs(t, err);
+		r = t->divides == BY_RECORDS ? share_outputs(t, tasks, err) : write_outputs(t, err);
 	return r || !any ? r : write_list(t, err);
+}
+
+static int make(void *ctx, struct work_attempt *attempt, uint32_t index, struct err *err)
+{
+	struct task *t = ctx;
+	int r;
+
+	t->attempt = attempt;
+	gather_part_name(t->p, index, work_attempt_number(attempt), t->part);
+	r = run(t, err);
+	if (r && t->published)
+		outputs_part_drop(t->run);
+	t->published &= !r;
+	return r;
 }
 
 int gather_task(const struct gather_params *p, uint32_t index, struct err *err)
 {
 	struct task t = {.p = p, .index = index};
-	int r = work_begin(p->work, WORK_GATHER, index, &t.attempt, err);
+	int r = work_run(p->work, WORK_GATHER, index, make, &t, err);
 
-	if (r == WORK_E_DONE)
-		return 0;
-	if (!r)
-		gather_part_name(p, index, work_attempt_number(t.attempt), t.part);
-	if (!r) {
-		r = run(&t, err);
-		if (r && t.published)
-			outputs_part_drop(t.run);
-		if (!r)
-			r = work_publish(t.attempt, err); /* after an error the record may be there all the same */
-		if (r == WORK_E_LOST && t.published)
-			outputs_part_drop(t.run);
-		r = gather_settled(p, WORK_GATHER, index, r, err);
-		if (r < 0 && r != -ERR_CANCELLED)
-			work_fail(t.attempt, err);
-	}
+	if (r == WORK_E_LOST && t.published)
+		outputs_part_drop(t.run);
 	feed_done(&t.feed);
 	outputs_free(t.run);
 	gather_places_free(t.places);
 	free(t.head);
 	gather_tiles_free(t.tiles);
 	gather_input_done(&t.in);
-	work_end(t.attempt);
-	return r == WORK_E_LOST ? 0 : r;
+	return r > 0 ? 0 : r;
 }

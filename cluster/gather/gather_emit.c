@@ -2,8 +2,8 @@
  * Domains of packs to a sink: read, numbered, and checked as a client checks a stream of acutd.
  *
  * The checks are independent: a pack has checksums; the emitter finds open links that nothing closes, and compares numbers with
- * Euler's formula; the feed computes both digests from the triangles and vertices that the sink gets; the indexes of all packs
- * have sums of their own.
+ * Euler's formula; the feed computes both digests from the triangles and vertices that the sink gets; the records of the phase
+ * mesh have sums of their own.
  */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -15,8 +15,6 @@
 
 struct emission {
 	const struct gather_input *in;
-	bool (*wanted)(void *ctx, const struct store_pack_entry *);
-	void *ctx;
 	struct pipe_emitter *emitter;
 	struct mesh_sink sink;
 	struct feed feed;
@@ -47,13 +45,6 @@ static int take_block(void *ctx, const struct mesh_block *b, struct err *err)
 	return feed_block(&e->feed, &block, err);
 }
 
-static bool is_wanted(void *ctx, const struct store_pack_entry *entry)
-{
-	const struct emission *e = ctx;
-
-	return !e->wanted || e->wanted(e->ctx, entry);
-}
-
 static int emit_one(void *ctx, const struct store_pack *pack, const struct store_pack_entry *entry, struct err *err)
 {
 	struct emission *e = ctx;
@@ -70,33 +61,34 @@ static int emit_one(void *ctx, const struct store_pack *pack, const struct store
 	return r ? r : pipe_emit(e->emitter, &domain, &region, &e->sink, err);
 }
 
-/* The numbers of the mesh, from its domains and from the indexes. */
-static int compare(const struct gather_sums *s, const struct pipe_totals *t, struct err *err)
+/* The numbers of the mesh, from its domains and from the records. */
+static int compare(const struct gather_input *in, const struct pipe_totals *t, struct err *err)
 {
+	const struct mesh_sums *s = &in->sums;
+
 	if (s->domains == t->domains && s->vertices == t->vertices && s->triangles == t->triangles &&
 	    digest_equal(s->digest, t->digest) && digest_equal(s->vertex_digest, t->vertex_digest) &&
-	    (!t->vertices || !memcmp(s->box, t->box, sizeof(s->box))))
+	    (!t->vertices || !memcmp(in->box, t->box, sizeof(in->box))))
 		return 0;
 	return err_set(err, ERR_INTERNAL,
-		       "the packs' indexes have %llu vertices and %llu triangles, or other sums, the mesh %llu and %llu",
+		       "the records have %llu vertices and %llu triangles, or other sums, the mesh %llu and %llu",
 		       (unsigned long long)s->vertices, (unsigned long long)s->triangles, (unsigned long long)t->vertices,
 		       (unsigned long long)t->triangles);
 }
 
 static int finish(struct emission *e, bool part, struct pipe_totals *t, struct err *err)
 {
-	const struct gather_sums *sums = &e->in->sums;
 	struct stream_tail tail = {.blocks = e->blocks, .report = "{}"};
 	int r = pipe_emitter_finish(e->emitter, t, err);
 
 	if (!r && !part)
-		r = compare(sums, t, err);
+		r = compare(e->in, t, err);
 	tail.vertices = t->vertices;
 	tail.triangles = t->triangles;
 	tail.hull = t->hull;
 	tail.digest = t->digest;
 	tail.vertex_digest = t->vertex_digest;
-	memcpy(tail.box, sums->box, sizeof(tail.box)); /* of all, also for a part: pictures have one range of heights */
+	memcpy(tail.box, e->in->box, sizeof(tail.box)); /* of all, also for a part: pictures have one range of heights */
 	if (!r)
 		r = check_tail(e->feed.check, &tail, !part, err);
 	return r ? r : feed_tail(&e->feed, &tail, err);
@@ -120,29 +112,22 @@ static int begin(struct emission *e, const struct stream_head *head, bool part, 
 	return r ? r : feed_head(&e->feed, head, err);
 }
 
-int gather_emit(const struct gather_input *in, bool part, bool (*wanted)(void *ctx, const struct store_pack_entry *), void *ctx,
-		const struct acut_mesh_sink *sink, size_t memory, struct pipe_totals *ret, struct err *err)
+int gather_emit(const struct gather_input *in, const struct gather_choice *choice, const struct acut_mesh_sink *sink,
+		size_t memory, struct pipe_totals *ret, struct err *err)
 {
 	struct emission *e = calloc(1, sizeof(*e));
-	const struct gather_walk walk = {is_wanted, emit_one, e};
 	struct stream_head *head = calloc(1, sizeof(*head));
 	int r = e && head ? 0 : err_set(err, ERR_NOMEM, "no memory to emit a mesh");
 
 	if (!r) {
-		*e = (struct emission){.in = in,
-				       .wanted = wanted,
-				       .ctx = ctx,
-				       .sink = {e, take_block},
-				       .feed.sink = sink,
-				       .size = in->sums.memory + 64,
-				       .temp = -1};
+		*e = (struct emission){.in = in, .sink = {e, take_block}, .feed.sink = sink, .size = in->memory + 64, .temp = -1};
 		gather_head(in, head);
-		r = begin(e, head, part, memory, err);
+		r = begin(e, head, choice != NULL, memory, err);
 	}
 	if (!r)
-		r = gather_walk(in, &walk, err);
+		r = gather_walk(in, choice, emit_one, e, err);
 	if (!r)
-		r = finish(e, part, ret, err);
+		r = finish(e, choice != NULL, ret, err);
 	if (e) {
 		feed_done(&e->feed);
 		pipe_emitter_free(e->emitter);

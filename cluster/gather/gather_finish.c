@@ -1,9 +1,9 @@
 /*
  * The phase finish: joins the parts of the outputs, gives them their names, and writes the report.
  *
- * The numbers of the mesh are sums over the indexes of all packs. Parts of tiles must have all triangles between them: their sums
- * are compared with these. Names are given after everything was read and compared; if that is interrupted, the next attempt does
- * it again. What parts leave beside the outputs is removed at the end.
+ * The numbers of the mesh are those of the records, and the indexes of all packs must have them, too. Parts of tiles must have
+ * all triangles between them: their sums are compared with these. Names are given after everything was read and compared; if that
+ * is interrupted, the next attempt does it again. What parts leave beside the outputs is removed at the end.
  */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -17,7 +17,7 @@
 
 struct finish {
 	const struct gather_params *p;
-	struct work_attempt *attempt;
+	struct work_attempt *attempt; /* while it runs */
 	struct gather_input in;
 	struct outputs *run;
 	struct feed feed;
@@ -84,7 +84,7 @@ static int add_written(struct finish *f, const struct work_record *record, struc
 static int check_shared(const struct finish *f, struct err *err)
 {
 	const struct gather_share_sums *w = &f->written;
-	const struct gather_sums *s = &f->in.sums;
+	const struct mesh_sums *s = &f->in.sums;
 
 	if (w->vertices == s->vertices && w->triangles == s->triangles && digest_equal(w->digest, s->digest) &&
 	    digest_equal(w->vertex_digest, s->vertex_digest))
@@ -168,7 +168,7 @@ static int join(struct finish *f, struct err *err)
 				      .tiles_most = UINT32_MAX,
 				      /* gather has refused too many */ .interrupted = given_up,
 				      .ctx = f};
-	const struct stream_tail tail = gather_tail(&f->in.sums);
+	const struct stream_tail tail = gather_tail(&f->in);
 	struct acut_mesh_sink sink;
 	int r = ctl_fetch_make(f->p->outputs, &opt, &f->run, err);
 
@@ -265,7 +265,7 @@ static int report_as(struct finish *f, const struct acut_job *job, const struct 
 static void add_counts(const struct gather_input *in, struct acut_report *p, struct acut_removed *removed)
 {
 	const struct lattice *l = &in->manifest->lattice;
-	const struct mesh_counts *c = in->sums.domains ? &in->recorded.counts : &in->plan.empty;
+	const struct mesh_counts *c = in->sums.domains ? &in->sums.counts : &in->plan.empty;
 
 	p->points = c->points;
 	p->halo = c->halo;
@@ -282,7 +282,7 @@ static void add_counts(const struct gather_input *in, struct acut_report *p, str
 
 static int report(struct finish *f, struct err *err)
 {
-	const struct gather_sums *s = &f->in.sums;
+	const struct mesh_sums *s = &f->in.sums;
 	const struct grid_manifest *m = f->in.manifest;
 	char lattice[LATTICE_TEXT_SIZE], digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	struct acut_removed removed[MESH_RULES];
@@ -334,16 +334,20 @@ static int report(struct finish *f, struct err *err)
 
 static int run(struct finish *f, struct err *err)
 {
-	int r = gather_input_read(&f->in, f->p, NULL, NULL, err);
+	int r = gather_input_read(&f->in, f->p, err);
 
 	f->head = calloc(1, sizeof(*f->head));
 	f->shared = work_about(f->p->work)->tasks[WORK_GATHER] > 1 && gather_shares(f->p->outputs);
 	if (!r && !f->head)
 		r = err_set(err, ERR_NOMEM, "no memory to finish a run");
 	if (!r)
+		r = gather_input_check(&f->in, err);
+	if (!r)
 		r = gather_check_ply(f->p->outputs, f->in.sums.vertices, "mesh has", err);
 	if (!r)
 		r = join(f, err);
+	if (r == -ERR_GONE && f->shared)
+		gather_share_gone(f->p, err);
 	return r ? r : report(f, err);
 }
 
@@ -355,22 +359,20 @@ static void sweep(struct finish *f)
 	gather_sweep(f->p, true, &ignored);
 }
 
+static int make(void *ctx, struct work_attempt *attempt, uint32_t index, struct err *err)
+{
+	struct finish *f = ctx;
+
+	f->attempt = attempt;
+	gather_part_name(f->p, GATHER_FINISH, work_attempt_number(attempt), f->own);
+	return run(f, err);
+}
+
 int gather_finish(const struct gather_params *p, struct err *err)
 {
 	struct finish f = {.p = p};
-	int r = work_begin(p->work, WORK_FINISH, 0, &f.attempt, err);
+	int r = work_run(p->work, WORK_FINISH, 0, make, &f, err);
 
-	if (r == WORK_E_DONE)
-		return 0;
-	if (!r) {
-		gather_part_name(p, GATHER_FINISH, work_attempt_number(f.attempt), f.own);
-		r = run(&f, err);
-		if (!r)
-			r = work_publish(f.attempt, err);
-		r = gather_settled(p, WORK_FINISH, 0, r, err);
-		if (r < 0 && r != -ERR_CANCELLED)
-			work_fail(f.attempt, err);
-	}
 	f.run = outputs_free(f.run);
 	if (!r || r == WORK_E_LOST)
 		sweep(&f);
@@ -378,6 +380,5 @@ int gather_finish(const struct gather_params *p, struct err *err)
 	gather_input_done(&f.in);
 	free(f.head);
 	free(f.part);
-	work_end(f.attempt);
-	return r == WORK_E_LOST ? 0 : r;
+	return r > 0 ? 0 : r;
 }

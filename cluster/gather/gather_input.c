@@ -1,5 +1,6 @@
 /*
- * What gather reads: the manifest of the dataset, the record of the plan, the records and packs of the phase mesh.
+ * What gather reads: the manifest of the dataset, the record of the plan, the records and packs of the phase mesh. Records say
+ * what is in a pack and where, so that a task opens only the packs that it needs; finish compares all of them with the indexes.
  *
  * Tasks of the phase mesh have ranges of the plan, in order, and the domains in a pack are in order, so all packs in the order of
  * their tasks are the plan. Packs are opened one at a time. Everything is named by records, and waited for.
@@ -37,106 +38,72 @@ static int read_manifest(struct gather_input *in, struct err *err)
 	return r;
 }
 
-/* The record and the pack of a task of the phase mesh. */
-static int task_of(struct gather_input *in, uint32_t task, struct err *err)
+/* The record of a task of the phase mesh. */
+static int task_of(struct gather_input *in, uint32_t task, struct mesh_task *about, struct err *err)
 {
-	struct mesh_sums sums;
-	int r = mesh_task_about(in->p->work, task, &sums, in->pack[task].name, &in->pack[task].size, err);
+	struct gather_pack *pack = &in->pack[task];
+	int r = mesh_task_about(in->p->work, task, about, err);
 
-	if (!r)
-		mesh_sums_add(&in->recorded, &sums);
+	if (r)
+		return r;
+	memcpy(pack->name, about->pack, sizeof(pack->name));
+	pack->size = about->bytes;
+	pack->domains = about->extent.domains;
+	pack->each = about->extent.each;
+	pack->ngroup = about->extent.n;
+	pack->group = calloc((size_t)pack->ngroup + 1, sizeof(*pack->group));
+	if (!pack->group)
+		return err_set(err, ERR_NOMEM, "no memory for what is known of packs");
+	memcpy(pack->group, about->extent.group, pack->ngroup * sizeof(*pack->group));
+	in->held += ((uint64_t)pack->ngroup + 1) * sizeof(*pack->group);
+	mesh_sums_add(&in->sums, &about->sums);
+	mesh_box_add(in->box, about->extent.box);
+	in->memory = about->extent.largest > in->memory ? about->extent.largest : in->memory;
+	return 0;
+}
+
+static int read_records(struct gather_input *in, struct err *err)
+{
+	struct mesh_task *about = malloc(sizeof(*about));
+	int r = about ? 0 : err_set(err, ERR_NOMEM, "no memory for a record");
+
+	mesh_box_begin(in->box);
+	for (uint32_t i = 0; i < in->npacks && !r; i++)
+		r = task_of(in, i, about, err);
+	if (in->box[0] > in->box[3])
+		memset(in->box, 0, sizeof(in->box));
+	free(about);
 	return r;
 }
 
-static void box_add(int32_t box[6], const int32_t more[6], bool first)
+/* Euler's formula, as of pipe_emitter_finish. */
+static int check_whole(const struct mesh_sums *s, struct err *err)
 {
-	for (int i = 0; i < 3; i++) {
-		box[i] = first || more[i] < box[i] ? more[i] : box[i];
-		box[i + 3] = first || more[i + 3] > box[i + 3] ? more[i + 3] : box[i + 3];
-	}
-}
-
-static void add_sums(struct gather_sums *s, const struct store_pack_entry *e)
-{
-	size_t memory = store_pack_memory(e);
-
-	s->domains++;
-	s->vertices += e->own;
-	s->hull += e->nhull;
-	digest_add(&s->vertex_digest, e->own_digest);
-	s->memory = memory > s->memory ? memory : s->memory;
-	if (!e->nvertex)
-		return;
-	box_add(s->box, e->box, s->box[0] > s->box[3]);
-	s->triangles += e->ntriangle;
-	digest_add(&s->digest, e->digest);
-}
-
-/* The sums of the indexes are those of the records, and Euler's formula holds, as of pipe_emitter_finish. */
-static int check_sums(const struct gather_input *in, struct err *err)
-{
-	const struct gather_sums *s = &in->sums;
-	const struct mesh_sums *m = &in->recorded;
-
-	if (s->domains != m->domains || s->vertices != m->vertices || s->triangles != m->triangles || s->hull != m->hull ||
-	    !digest_equal(s->digest, m->digest) || !digest_equal(s->vertex_digest, m->vertex_digest))
-		return err_set(err, ERR_INTERNAL,
-			       "the packs have %llu domains with %llu triangles, or other sums, the records %llu with %llu",
-			       (unsigned long long)s->domains, (unsigned long long)s->triangles, (unsigned long long)m->domains,
-			       (unsigned long long)m->triangles);
 	if (!s->triangles || s->triangles == 2 * s->vertices - 2 - s->hull)
 		return 0;
 	return err_set(err, ERR_INTERNAL, "the mesh is not whole: %llu vertices, %llu triangles, %llu on the hull",
 		       (unsigned long long)s->vertices, (unsigned long long)s->triangles, (unsigned long long)s->hull);
 }
 
-struct counting {
-	struct gather_input *in;
-	gather_entry_fn each;
-	void *ctx;
-};
-
-/* Nothing of a domain is read yet. */
-static bool count_entry(void *ctx, const struct store_pack_entry *e)
+int gather_input_read(struct gather_input *in, const struct gather_params *p, struct err *err)
 {
-	struct counting *c = ctx;
-
-	add_sums(&c->in->sums, e);
-	return c->each != NULL;
-}
-
-static int give_entry(void *ctx, const struct store_pack *pack, const struct store_pack_entry *e, struct err *err)
-{
-	struct counting *c = ctx;
-
-	return c->each(c->ctx, e, err);
-}
-
-int gather_input_read(struct gather_input *in, const struct gather_params *p, gather_entry_fn each, void *ctx, struct err *err)
-{
-	struct counting counting = {in, each, ctx};
-	const struct gather_walk walk = {count_entry, give_entry, &counting};
 	int r;
 
-	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH], .sums.box = {1, 0, 0, 0, 0, 0}};
+	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH]};
 	in->pack = calloc((size_t)in->npacks + 1, sizeof(*in->pack));
 	in->ledger = ledger_new(INT64_MAX); /* which only counts: all else comes after the manifest */
 	r = in->pack && in->ledger ? read_manifest(in, err) : err_set(err, ERR_NOMEM, "no memory for the names of packs");
 	if (!r)
 		r = mesh_plan_about(p->work, &in->plan, err);
-	for (uint32_t i = 0; i < in->npacks && !r; i++)
-		r = task_of(in, i, err);
 	if (!r)
-		r = gather_walk(in, &walk, err);
-	if (!r)
-		r = check_sums(in, err);
-	if (in->sums.box[0] > in->sums.box[3])
-		memset(in->sums.box, 0, sizeof(in->sums.box));
-	return r;
+		r = read_records(in, err);
+	return r ? r : check_whole(&in->sums, err);
 }
 
 void gather_input_done(struct gather_input *in)
 {
+	for (uint32_t i = 0; in->pack && i < in->npacks; i++)
+		free(in->pack[i].group);
 	free(in->pack);
 	grid_manifest_free(in->manifest);
 	ledger_free(in->ledger);
@@ -144,22 +111,57 @@ void gather_input_done(struct gather_input *in)
 	*in = (struct gather_input){.p = NULL};
 }
 
-static int walk_pack(const struct gather_input *in, const struct store_pack *pack, const struct gather_walk *w,
-		     struct store_pack_entry *entry, struct err *err)
+struct walk {
+	const struct gather_input *in;
+	const struct gather_choice *choice; /* NULL: all */
+	gather_domain_fn each;
+	void *ctx;
+	struct store_pack_entry *entry; /* ENTRIES of them */
+};
+
+/* Domains `first` to `last` - 1 of a pack. */
+static int walk_some(const struct walk *w, const struct store_pack *pack, uint64_t first, uint64_t last, struct err *err)
 {
 	int r = 0;
 
-	for (uint64_t first = 0; first < pack->n && !r; first += ENTRIES) {
-		size_t n = pack->n - first < ENTRIES ? (size_t)(pack->n - first) : ENTRIES;
+	for (; first < last && !r; first += ENTRIES) {
+		size_t n = last - first < ENTRIES ? (size_t)(last - first) : ENTRIES;
 
-		r = gather_interrupted(in->p, err);
+		r = gather_interrupted(w->in->p, err);
 		if (!r)
-			r = store_pack_entries(pack, first, n, entry, err);
+			r = store_pack_entries(pack, first, n, w->entry, err);
 		for (size_t i = 0; i < n && !r; i++)
-			if (!w->wanted || w->wanted(w->ctx, &entry[i]))
-				r = w->each(w->ctx, pack, &entry[i], err);
+			if (!w->choice || w->choice->domain(w->choice->ctx, &w->entry[i]))
+				r = w->each(w->ctx, pack, &w->entry[i], err);
 	}
 	return r;
+}
+
+static bool group_wanted(const struct walk *w, const struct gather_pack *of, uint32_t group)
+{
+	return !w->choice || w->choice->group(w->choice->ctx, &of->group[group]);
+}
+
+/* Groups that are wanted and follow each other are read together. */
+static int walk_pack(const struct walk *w, const struct store_pack *pack, const struct gather_pack *of, struct err *err)
+{
+	int r = 0;
+
+	for (uint32_t i = 0, end; i < of->ngroup && !r; i = end + 1) {
+		for (end = i; end < of->ngroup && group_wanted(w, of, end);)
+			end++;
+		r = walk_some(w, pack, i * of->each, end * of->each < pack->n ? end * of->each : pack->n, err);
+	}
+	return r;
+}
+
+static bool pack_wanted(const struct walk *w, const struct gather_pack *of)
+{
+	uint32_t i = 0;
+
+	while (i < of->ngroup && !group_wanted(w, of, i))
+		i++;
+	return *of->name && i < of->ngroup;
 }
 
 int gather_pack_open(const struct gather_input *in, uint32_t i, int *ret_fd, struct store_pack *ret, struct err *err)
@@ -172,6 +174,11 @@ int gather_pack_open(const struct gather_input *in, uint32_t i, int *ret_fd, str
 		err_set(err, ERR_CORRUPT, "the pack is of another mesh");
 		r = err_add_file(err, in->pack[i].name);
 	}
+	if (!r && ret->n != in->pack[i].domains) {
+		err_set(err, ERR_CORRUPT, "the pack has %llu domains, and its task has recorded %llu", (unsigned long long)ret->n,
+			(unsigned long long)in->pack[i].domains);
+		r = err_add_file(err, in->pack[i].name);
+	}
 	if (r)
 		io_close(fd);
 	else
@@ -179,23 +186,107 @@ int gather_pack_open(const struct gather_input *in, uint32_t i, int *ret_fd, str
 	return r;
 }
 
-int gather_walk(const struct gather_input *in, const struct gather_walk *w, struct err *err)
+int gather_walk(const struct gather_input *in, const struct gather_choice *choice, gather_domain_fn each, void *ctx,
+		struct err *err)
 {
-	struct store_pack_entry *entry = calloc(ENTRIES, sizeof(*entry));
-	int r = entry ? 0 : err_set(err, ERR_NOMEM, "no memory for the index of a pack");
+	const struct walk w = {in, choice, each, ctx, calloc(ENTRIES, sizeof(struct store_pack_entry))};
+	int r = w.entry ? 0 : err_set(err, ERR_NOMEM, "no memory for the index of a pack");
 
 	for (uint32_t i = 0; i < in->npacks && !r; i++) {
 		struct store_pack pack;
 		int fd = -1;
 
-		if (!*in->pack[i].name)
+		if (!pack_wanted(&w, &in->pack[i]))
 			continue;
 		r = gather_pack_open(in, i, &fd, &pack, err);
 		if (!r)
-			r = walk_pack(in, &pack, w, entry, err);
+			r = walk_pack(&w, &pack, &in->pack[i], err);
 		io_close(fd);
 	}
-	free(entry);
+	free(w.entry);
+	return r;
+}
+
+/* ---- records and indexes ---- */
+
+struct checking {
+	const struct gather_input *in;
+	const char *name; /* of the pack */
+	uint32_t pack;
+	struct mesh_sums sums;
+	int32_t box[6];
+	struct mesh_extent extent; /* of this pack */
+};
+
+static int check_groups(const struct checking *c, struct err *err)
+{
+	const struct gather_pack *of = &c->in->pack[c->pack];
+	const struct mesh_extent *x = &c->extent;
+	struct mesh_extent said = *x;
+
+	said.n = of->ngroup;
+	said.each = of->each;
+	memcpy(said.group, of->group, of->ngroup * sizeof(*of->group));
+	if (mesh_extent_same(x, &said))
+		return 0;
+	err_set(err, ERR_CORRUPT, "the record of the pack says of other places where its domains are");
+	return err_add_file(err, of->name);
+}
+
+static int check_domain(void *ctx, const struct store_pack *pack, const struct store_pack_entry *e, struct err *err)
+{
+	struct checking *c = ctx;
+	int r = 0;
+
+	if (pack->name != c->name) {
+		r = c->name ? check_groups(c, err) : 0;
+		mesh_extent_begin(&c->extent);
+		c->name = pack->name;
+		while (pack->name != c->in->pack[c->pack].name)
+			c->pack++;
+	}
+	mesh_extent_add(&c->extent, e);
+	c->sums.domains++;
+	c->sums.vertices += e->own;
+	c->sums.hull += e->nhull;
+	digest_add(&c->sums.vertex_digest, e->own_digest);
+	if (e->nvertex) {
+		c->sums.triangles += e->ntriangle;
+		digest_add(&c->sums.digest, e->digest);
+		mesh_box_add(c->box, e->box);
+	}
+	return r;
+}
+
+static int check_sums(const struct checking *c, struct err *err)
+{
+	const struct mesh_sums *m = &c->in->sums, *s = &c->sums;
+
+	if (s->domains == m->domains && s->vertices == m->vertices && s->triangles == m->triangles && s->hull == m->hull &&
+	    digest_equal(s->digest, m->digest) && digest_equal(s->vertex_digest, m->vertex_digest) &&
+	    (c->box[0] > c->box[3] || !memcmp(c->box, c->in->box, sizeof(c->box))))
+		return 0;
+	return err_set(err, ERR_INTERNAL,
+		       "the packs have %llu domains with %llu triangles, or other sums, the records %llu with %llu",
+		       (unsigned long long)s->domains, (unsigned long long)s->triangles, (unsigned long long)m->domains,
+		       (unsigned long long)m->triangles);
+}
+
+int gather_input_check(const struct gather_input *in, struct err *err)
+{
+	struct checking *c = calloc(1, sizeof(*c));
+	int r;
+
+	if (!c)
+		return err_set(err, ERR_NOMEM, "no memory for the sums of packs");
+	c->in = in;
+	mesh_box_begin(c->box);
+	r = gather_walk(in, NULL, check_domain, c, err);
+	if (!r && c->name)
+		r = check_groups(c, err);
+	if (!r)
+		r = check_sums(c, err);
+	free(c);
 	return r;
 }
 
@@ -237,8 +328,9 @@ void gather_head(const struct gather_input *in, struct stream_head *head)
 	head->id = in->plan.of;
 }
 
-struct stream_tail gather_tail(const struct gather_sums *s)
+struct stream_tail gather_tail(const struct gather_input *in)
 {
+	const struct mesh_sums *s = &in->sums;
 	struct stream_tail tail = {.vertices = s->vertices,
 				   .triangles = s->triangles,
 				   .hull = s->hull,
@@ -246,6 +338,6 @@ struct stream_tail gather_tail(const struct gather_sums *s)
 				   .vertex_digest = s->vertex_digest,
 				   .report = "{}"};
 
-	memcpy(tail.box, s->box, sizeof(tail.box));
+	memcpy(tail.box, in->box, sizeof(tail.box));
 	return tail;
 }

@@ -113,11 +113,6 @@ static int add_place(void *ctx, const struct store_pack *pack, const struct stor
 	return add_spans(p, &own.region, (uint32_t)p->n - 1, err);
 }
 
-static bool any(void *ctx, const struct store_pack_entry *e)
-{
-	return true;
-}
-
 static int by_low(const void *a, const void *b)
 {
 	const struct span *x = a, *y = b;
@@ -133,7 +128,6 @@ uint64_t gather_places_bytes(uint64_t domains)
 int gather_places_new(const struct gather_input *in, uint64_t memory, struct gather_places **ret, struct err *err)
 {
 	struct gather_places *p = calloc(1, sizeof(*p));
-	const struct gather_walk walk = {any, add_place, p};
 	int r;
 
 	if (!p)
@@ -144,7 +138,7 @@ int gather_places_new(const struct gather_input *in, uint64_t memory, struct gat
 	for (unsigned i = 0; i < PACKS; i++)
 		p->opened[i].fd = -1;
 	p->place = calloc(p->room + 1, sizeof(*p->place));
-	r = p->place ? gather_walk(in, &walk, err) : err_set(err, ERR_NOMEM, "no memory for %zu domains", p->room);
+	r = p->place ? gather_walk(in, NULL, add_place, p, err) : err_set(err, ERR_NOMEM, "no memory for %zu domains", p->room);
 	if (!r && p->nspan)
 		qsort(p->span, p->nspan, sizeof(*p->span), by_low);
 	if (r)

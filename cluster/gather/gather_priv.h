@@ -23,50 +23,48 @@ enum { GATHER_PART = 64 };
 struct gather_pack {
 	char name[WORK_NAME]; /* in the work folder; "": the task had nothing to do */
 	uint64_t size;
-};
-/* Of all domains, by the indexes of the packs. */
-struct gather_sums {
-	uint64_t domains, vertices, triangles, hull;
-	struct digest digest, vertex_digest;
-	int32_t box[6]; /* of the vertices; only if there are any */
-	size_t memory;  /* of the largest domain */
+	uint64_t domains, each; /* domains of all groups; of one, but for the last */
+	uint32_t ngroup;
+	struct mesh_group *group;
 };
 struct gather_input {
 	const struct gather_params *p;
 	struct grid_manifest *manifest;
 	struct mesh_plan_about plan;
-	struct mesh_sums recorded; /* of all tasks of the phase mesh */
-	struct gather_pack *pack;  /* of the tasks of the phase mesh, in the order of the plan */
+	struct mesh_sums sums;    /* of all tasks of the phase mesh, by their records */
+	int32_t box[6];           /* of the vertices; zeros if there are none */
+	uint64_t memory;          /* of the largest domain */
+	struct gather_pack *pack; /* of the tasks of the phase mesh, in the order of the plan */
 	uint32_t npacks;
 	struct ledger *ledger; /* of the manifest */
-	uint64_t held;         /* memory of the manifest and the names of packs */
-	struct gather_sums sums;
+	uint64_t held;         /* memory of the manifest and of what is known of packs */
 };
-/* Reads manifest, records and indexes. `each` (may be NULL) gets all entries of the indexes, in the order of the plan. */
-typedef int (*gather_entry_fn)(void *ctx, const struct store_pack_entry *, struct err *err);
-int gather_input_read(struct gather_input *, const struct gather_params *, gather_entry_fn each, void *ctx, struct err *err);
+/* Reads the manifest and all records, and opens no pack. */
+int gather_input_read(struct gather_input *, const struct gather_params *, struct err *err);
+/* Reads the indexes of all packs: they must have what the records say. */
+int gather_input_check(const struct gather_input *, struct err *err);
 void gather_input_done(struct gather_input *);
-/* Calls `each` for the domains that `wanted` (NULL: all) wants, in the order of the plan, with their packs open. */
-struct gather_walk {
-	bool (*wanted)(void *ctx, const struct store_pack_entry *);
-	int (*each)(void *ctx, const struct store_pack *, const struct store_pack_entry *, struct err *err);
+/* Which domains. A pack is opened if a group is wanted, and of its index only the entries of such groups are read. */
+struct gather_choice {
+	bool (*group)(void *ctx, const struct mesh_group *);
+	bool (*domain)(void *ctx, const struct store_pack_entry *);
 	void *ctx;
 };
-int gather_walk(const struct gather_input *, const struct gather_walk *, struct err *err);
+/* Calls `each` for the domains of the choice (NULL: all), in the order of the plan, with their packs open. */
+typedef int (*gather_domain_fn)(void *ctx, const struct store_pack *, const struct store_pack_entry *, struct err *err);
+int gather_walk(const struct gather_input *, const struct gather_choice *, gather_domain_fn each, void *ctx, struct err *err);
 /* Pack i, open; *ret_fd is the caller's. */
 int gather_pack_open(const struct gather_input *, uint32_t i, int *ret_fd, struct store_pack *ret, struct err *err);
 /* What a stream of acutd says first of the same mesh. `wkt` and `view` are borrowed. */
 void gather_head(const struct gather_input *, struct stream_head *ret);
 /* What it says last. */
-struct stream_tail gather_tail(const struct gather_sums *);
+struct stream_tail gather_tail(const struct gather_input *);
 int gather_interrupted(const struct gather_params *, struct err *err);
 
 /* ---- gather.c ---- */
 
 /* -ERR_LIMIT: an output is one PLY, which cannot have so many vertices. */
 int gather_check_ply(const struct ctl_fetch_options *, uint64_t vertices, const char *what, struct err *err);
-/* `r`, the result of an attempt; but an error does not matter if another attempt has done the task (WORK_E_LOST). */
-int gather_settled(const struct gather_params *, enum work_phase, uint32_t index, int r, struct err *err);
 /* gather_clean.c: gather_clean, but, with `finishing`, not of other attempts at finish: these do once more what was done, and
  * need what they have. */
 int gather_sweep(const struct gather_params *, bool finishing, struct err *err);
@@ -74,9 +72,9 @@ void gather_part_name(const struct gather_params *, uint32_t index, uint64_t att
 
 /* ---- gather_emit.c ---- */
 
-/* Emits the wanted domains to the sink, checked. `part`: they are not all; else the mesh must be whole. */
-int gather_emit(const struct gather_input *, bool part, bool (*wanted)(void *ctx, const struct store_pack_entry *), void *ctx,
-		const struct acut_mesh_sink *, size_t memory, struct pipe_totals *ret, struct err *err);
+/* Emits the domains of the choice to the sink, checked. NULL: all; then the mesh must be whole. */
+int gather_emit(const struct gather_input *, const struct gather_choice *, const struct acut_mesh_sink *, size_t memory,
+		struct pipe_totals *ret, struct err *err);
 
 /* ---- gather_place.c: the number of each vertex in a file that all tasks write ---- */
 
@@ -114,8 +112,10 @@ bool gather_shares(const struct ctl_fetch_options *);
 /* The name of the parts; makes the files, with the name `own`, if no attempt has. */
 int gather_share_agree(const struct gather_params *, struct work_attempt *, const char *own, char part[GATHER_PART],
 		       struct err *err);
+/* After -ERR_GONE: what to do if the files were deleted, which no attempt may make again by itself. */
+void gather_share_gone(const struct gather_params *, struct err *err);
 /* The domains of a task, and its share but for the tail. */
-void gather_share_of(const struct gather_places *, const struct gather_sums *, uint32_t index, uint32_t tasks, size_t range[2],
+void gather_share_of(const struct gather_places *, const struct mesh_sums *, uint32_t index, uint32_t tasks, size_t range[2],
 		     struct outputs_share *ret);
 uint64_t gather_share_block(const struct gather_params *);
 /* Of the domains of a task: what it has written. */
@@ -134,9 +134,9 @@ int gather_share_write(const struct gather_input *, struct gather_places *, cons
 struct gather_tiles;
 /* `memory`: for codes; sorting them takes as much again. */
 int gather_tiles_new(const struct gather_params *, uint64_t memory, struct gather_tiles **ret, struct err *err);
-/* Before the first domain: of the head, scale, offsets and box count. */
+/* Before the first group: of the head, scale, offsets and box count. */
 int gather_tiles_lay_out(struct gather_tiles *, const struct acut_mesh_head *, struct err *err);
-int gather_tiles_add(struct gather_tiles *, const struct store_pack_entry *, struct err *err);
+int gather_tiles_add(struct gather_tiles *, const struct mesh_group *, struct err *err);
 /* After all of them, once: the codes of the tiles of task `index` of `tasks`, both ends included; false: it has none. The memory
  * of the tiles is free then. */
 bool gather_tiles_share(struct gather_tiles *, uint32_t index, uint32_t tasks, uint64_t ret[2]);
@@ -144,8 +144,9 @@ bool gather_tiles_share(struct gather_tiles *, uint32_t index, uint32_t tasks, u
 int gather_tiles_check(const struct gather_tiles *, struct err *err);
 /* The tiles that a part can have, by the memory of a task. */
 uint64_t gather_tiles_part(const struct gather_params *);
-/* Whether a triangle of the domain can be in such a tile. */
+/* Whether a triangle of the domain, or of one of the group, can be in such a tile. */
 bool gather_tiles_meets(const struct gather_tiles *, const struct store_pack_entry *, const uint64_t share[2]);
+bool gather_tiles_meets_group(const struct gather_tiles *, const struct mesh_group *, const uint64_t share[2]);
 struct gather_tiles *gather_tiles_free(struct gather_tiles *);
 
 #endif

@@ -165,6 +165,19 @@ int gather_share_agree(const struct gather_params *p, struct work_attempt *attem
 	return r;
 }
 
+/* Whether the files were deleted, or have their names since finish, is not known here. */
+void gather_share_gone(const struct gather_params *p, struct err *err)
+{
+	char name[WORK_NAME];
+
+	agreed_name(p, name);
+	err_add_hint(
+		err,
+		"if it was deleted while the run wrote it, remove %s and done/gather-* in the work folder, then continue with "
+		"'acut-cluster resume'",
+		name);
+}
+
 /* ---- domains ---- */
 
 struct sharing {
@@ -333,7 +346,7 @@ static size_t border(const struct gather_place *place, size_t n, uint64_t all, u
 	return index == tasks ? n : i;
 }
 
-void gather_share_of(const struct gather_places *places, const struct gather_sums *sums, uint32_t index, uint32_t tasks,
+void gather_share_of(const struct gather_places *places, const struct mesh_sums *sums, uint32_t index, uint32_t tasks,
 		     size_t range[2], struct outputs_share *ret)
 {
 	size_t n;
@@ -352,13 +365,8 @@ void gather_share_of(const struct gather_places *places, const struct gather_sum
 int gather_share_write(const struct gather_input *in, struct gather_places *places, const size_t range[2], struct outputs *run,
 		       int (*given_up)(void *ctx), void *ctx, struct gather_share_sums *ret, struct err *err)
 {
-	struct sharing s = {.in = in,
-			    .places = places,
-			    .run = run,
-			    .size = in->sums.memory + 64,
-			    .sums = ret,
-			    .given_up = given_up,
-			    .ctx = ctx};
+	struct sharing s = {
+		.in = in, .places = places, .run = run, .size = in->memory + 64, .sums = ret, .given_up = given_up, .ctx = ctx};
 	int r;
 
 	s.memory = aligned_alloc(64, (s.size + 63) & ~(size_t)63);

@@ -1,10 +1,10 @@
 /*
- * Which tiles are whose: a pure function of the indexes of all packs, the number of tasks and their memory, so that each task
- * finds it for itself.
+ * Which tiles are whose: a pure function of the records of the phase mesh, the number of tasks and their memory, so that each
+ * task finds it for itself, and opens no pack for it.
  *
- * The triangles of a domain count for the tile that has the middle of its box. Tiles in the order of their codes are cut into
- * ranges with about as many triangles each. If there are more tiles than fit the memory, those whose codes differ in the lowest
- * bits only count as one.
+ * The triangles of a group of domains count for the tile that has the middle of its box. Tiles in the order of their codes are
+ * cut into ranges with about as many triangles each. If there are more tiles than fit the memory, those whose codes differ in the
+ * lowest bits only count as one.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -96,7 +96,7 @@ static int room(struct gather_tiles *t, struct err *err)
 		struct weight *w = realloc(t->weight, (more < t->most ? more : t->most) * sizeof(*w));
 
 		if (!w)
-			return err_set(err, ERR_NOMEM, "no memory for the tiles of %zu domains", more);
+			return err_set(err, ERR_NOMEM, "no memory for the tiles of %zu groups", more);
 		t->weight = w;
 		t->room = more < t->most ? more : t->most;
 		return 0;
@@ -113,24 +113,12 @@ int gather_tiles_lay_out(struct gather_tiles *t, const struct acut_mesh_head *he
 	return outputs_grid_init(&t->grid, t->side, head, err);
 }
 
-/* About how many tiles a domain has for itself: its part of the region in tiles, and no more than it has triangles. Regions do
- * not overlap, as the boxes of their domains do. */
-static double tiles_of(const struct gather_tiles *t, const struct store_pack_entry *e)
+/* About how many tiles a group has for itself: its area in tiles, and no more than it has triangles. */
+static double tiles_of(const struct gather_tiles *t, const struct mesh_group *g)
 {
 	const double side = (double)t->grid.p / (double)t->grid.q;
-	struct cut_region region;
-	double tiles = 1;
-	int64_t box[4];
 
-	if (!cut_region_parse(e->region, &region))
-		return 0; /* it is refused when the domain is read */
-	cut_region_box(&region, box);
-	for (int i = 0; i < 2; i++) {
-		double low = fmax((double)box[i] / 2, e->box[i]), high = fmin((double)box[i + 2] / 2, e->box[i + 3]);
-
-		tiles *= high > low ? (high - low) / side : 0;
-	}
-	return fmin(tiles, e->ntriangle);
+	return fmin((double)g->area / side / side, (double)g->triangles);
 }
 
 int gather_tiles_check(const struct gather_tiles *t, struct err *err)
@@ -144,19 +132,19 @@ int gather_tiles_check(const struct gather_tiles *t, struct err *err)
 	return err_add_hint(err, "give a larger --tile, or tasks more memory (--task-memory)");
 }
 
-int gather_tiles_add(struct gather_tiles *t, const struct store_pack_entry *e, struct err *err)
+int gather_tiles_add(struct gather_tiles *t, const struct mesh_group *g, struct err *err)
 {
 	int32_t middle[2];
 	uint32_t at[2];
-	int r = e->ntriangle ? room(t, err) : 0;
+	int r = g->triangles ? room(t, err) : 0;
 
-	if (r || !e->ntriangle)
+	if (r || !g->triangles)
 		return r;
 	for (int i = 0; i < 2; i++)
-		middle[i] = (int32_t)(((int64_t)e->box[i] + e->box[i + 3]) / 2);
-	t->about += tiles_of(t, e);
+		middle[i] = (int32_t)(((int64_t)g->box[i] + g->box[i + 2]) / 2);
+	t->about += tiles_of(t, g);
 	outputs_grid_at(&t->grid, middle, at);
-	t->weight[t->n++] = (struct weight){outputs_tile_code(at[0], at[1]) >> t->shift << t->shift, e->ntriangle};
+	t->weight[t->n++] = (struct weight){outputs_tile_code(at[0], at[1]) >> t->shift << t->shift, g->triangles};
 	return 0;
 }
 
@@ -194,13 +182,21 @@ bool gather_tiles_share(struct gather_tiles *t, uint32_t index, uint32_t tasks, 
 	return index + 1 == tasks ? ret[0] < UINT64_MAX : ret[0] < end;
 }
 
-bool gather_tiles_meets(const struct gather_tiles *t, const struct store_pack_entry *e, const uint64_t share[2])
+static bool meets(const struct gather_tiles *t, const int32_t first[2], const int32_t last[2], const uint64_t share[2])
 {
 	uint32_t low[2], high[2];
 
-	if (!e->ntriangle)
-		return false;
-	outputs_grid_at(&t->grid, e->box, low);
-	outputs_grid_at(&t->grid, e->box + 3, high);
+	outputs_grid_at(&t->grid, first, low);
+	outputs_grid_at(&t->grid, last, high);
 	return outputs_grid_meets(low, high, share);
+}
+
+bool gather_tiles_meets(const struct gather_tiles *t, const struct store_pack_entry *e, const uint64_t share[2])
+{
+	return e->ntriangle && meets(t, e->box, e->box + 3, share);
+}
+
+bool gather_tiles_meets_group(const struct gather_tiles *t, const struct mesh_group *g, const uint64_t share[2])
+{
+	return g->triangles && meets(t, g->box, g->box + 2, share);
 }

@@ -20,6 +20,7 @@
 
 struct ctl_view_options;
 struct err;
+struct store_pack_entry;
 
 struct mesh_phase_params {
 	const char *view;              /* the request, ctl_view_text; "": all points */
@@ -59,9 +60,35 @@ struct mesh_sums {
 	struct digest digest, vertex_digest;
 };
 void mesh_sums_add(struct mesh_sums *, const struct mesh_sums *);
+
+/* Where the domains of a pack are: groups of `each` domains, in the order of the pack; the last one may have fewer. */
+enum { MESH_GROUPS = 64 };
+struct mesh_group {
+	uint64_t triangles, area; /* area: of the parts of regions that have triangles, at most, in squares of the lattice */
+	int32_t box[4];           /* x0 y0 x1 y1 of domains with triangles */
+};
+struct mesh_extent {
+	uint64_t domains, each;
+	uint64_t largest; /* store_pack_memory of the largest domain */
+	int32_t box[6];   /* of all vertices: mesh_box_begin if there are none */
+	uint32_t n;
+	struct mesh_group group[MESH_GROUPS];
+};
+void mesh_extent_begin(struct mesh_extent *);
+void mesh_extent_add(struct mesh_extent *, const struct store_pack_entry *); /* in the order of the pack */
+bool mesh_extent_same(const struct mesh_extent *, const struct mesh_extent *);
+/* A box of nothing, to which others are added. */
+void mesh_box_begin(int32_t box[6]);
+void mesh_box_add(int32_t box[6], const int32_t more[6]);
+
 /* The record of a task of the phase mesh, which is waited for, and its pack ("": it has none, because its regions have no domain
  * or no task was left for it). */
-int mesh_task_about(const struct work *, uint32_t task, struct mesh_sums *ret, char ret_pack[WORK_NAME], uint64_t *ret_bytes,
-		    struct err *err);
+struct mesh_task {
+	struct mesh_sums sums;
+	struct mesh_extent extent;
+	char pack[WORK_NAME];
+	uint64_t bytes; /* of the pack */
+};
+int mesh_task_about(const struct work *, uint32_t task, struct mesh_task *ret, struct err *err);
 
 #endif

@@ -41,4 +41,9 @@ int phase_plan_open(const struct work *, struct mesh_plan *ret, char name[WORK_N
 void sums_add_domain(struct mesh_sums *, const struct mesh_domain *);
 int sums_record(struct work_attempt *, const struct mesh_sums *, struct err *err);
 
+/* mesh_extent.c: of the index of a complete pack; the values of a record. */
+int extent_of_pack(int fd, const char *name, struct mesh_extent *ret, struct err *err);
+int extent_record(struct work_attempt *, const struct mesh_extent *, struct err *err);
+int extent_read(const struct work_record *, const struct mesh_sums *, struct mesh_extent *ret, struct err *err);
+
 #endif

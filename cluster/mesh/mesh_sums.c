@@ -124,20 +124,21 @@ static int sums_read(const struct work_record *record, struct mesh_sums *ret, st
 	return r;
 }
 
-int mesh_task_about(const struct work *w, uint32_t task, struct mesh_sums *ret, char ret_pack[WORK_NAME], uint64_t *ret_bytes,
-		    struct err *err)
+int mesh_task_about(const struct work *w, uint32_t task, struct mesh_task *ret, struct err *err)
 {
 	struct work_record *record = NULL;
 	int r = work_record_need(w, WORK_MESH, task, &record, err);
 
 	if (r)
 		return r;
-	r = sums_read(record, ret, err);
-	ret_pack[0] = 0;
-	*ret_bytes = 0;
+	mesh_extent_begin(&ret->extent);
+	ret->pack[0] = 0;
+	ret->bytes = 0;
+	r = sums_read(record, &ret->sums, err);
 	if (!r && record->nfile) {
-		snprintf(ret_pack, WORK_NAME, "%s", record->file[0].name);
-		*ret_bytes = record->file[0].size;
+		snprintf(ret->pack, WORK_NAME, "%s", record->file[0].name);
+		ret->bytes = record->file[0].size;
+		r = extent_read(record, &ret->sums, &ret->extent, err);
 	}
 	work_record_free(record);
 	return r;

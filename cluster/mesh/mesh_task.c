@@ -29,6 +29,7 @@ struct making {
 	struct store_packer *packer;
 	uint64_t lists; /* charged for the index of the pack */
 	struct mesh_sums sums;
+	struct mesh_extent extent;
 };
 
 /* ---- memory ---- */
@@ -168,10 +169,14 @@ static int make_pack(struct making *m, const struct cut_region *region, uint64_t
 		r = store_packer_finish(m->packer, &m->sums.bytes, err);
 	if (!r)
 		r = io_sync(fd, name, err);
+	if (!r)
+		r = extent_of_pack(fd, name, &m->extent, err);
 	store_packer_free(m->packer);
 	ledger_give(m->s->ledger, LEDGER_PLAN, m->lists);
 	io_close(fd);
-	return r ? r : work_result_file(a, name, err);
+	if (!r)
+		r = work_result_file(a, name, err);
+	return r ? r : extent_record(a, &m->extent, err);
 }
 
 static int open_all(struct making *m, struct err *err)

@@ -433,6 +433,7 @@ static void test_late(void **state)
 	gather_all(&s, &seed, &c);
 	assert_int_equal(unlinkat(work_fd(s.run.work), "done/gather-1", 0), 0);
 	assert_int_equal(gather_task(&s.p, 1, &err), -ERR_GONE);
+	assert_non_null(strstr(err.hint, "remove shared-0-0000000000000007 and done/gather-*"));
 	check_files(&s);
 	remove_files();
 	run_remove(&s.run);

@@ -191,6 +191,27 @@ static void gather_pack(const struct store_pack *k, struct pipe_emitter *e, stru
 	}
 }
 
+/* What a record says of the places of domains is what the index has. */
+static void check_extent(const struct store_pack *k, const struct mesh_extent *x)
+{
+	struct mesh_extent found;
+	struct err err = ERR_INIT;
+
+	mesh_extent_begin(&found);
+	for (uint64_t i = 0; i < k->n; i++) {
+		const struct mesh_group *g = &x->group[i / x->each];
+		struct store_pack_entry e;
+
+		CHECK(store_pack_entries(k, i, 1, &e, &err));
+		mesh_extent_add(&found, &e);
+		assert_true(i / x->each < x->n && store_pack_memory(&e) <= x->largest);
+		for (int a = 0; a < 2 && e.ntriangle; a++)
+			assert_true(g->box[a] <= e.box[a] && g->box[a + 2] >= e.box[a + 3] && x->box[a] <= e.box[a] &&
+				    x->box[a + 3] >= e.box[a + 3]);
+	}
+	assert_true(mesh_extent_same(&found, x));
+}
+
 void whole_gather(const struct run *run, struct whole *ret, struct mesh_sums *ret_sums)
 {
 	struct mesh_plan_about about;
@@ -205,21 +226,20 @@ void whole_gather(const struct run *run, struct whole *ret, struct mesh_sums *re
 	assert_int_equal(about.tasks, run->tasks);
 	e = emitter_of(run, &m->lattice);
 	for (uint32_t i = 0; i < run->tasks; i++) {
-		char name[WORK_NAME];
-		struct mesh_sums sums;
+		struct mesh_task t;
 		struct store_pack k;
-		uint64_t bytes;
 		int fd;
 
-		CHECK(mesh_task_about(run->work, i, &sums, name, &bytes, &err));
-		mesh_sums_add(ret_sums, &sums);
-		assert_true(!*name == !sums.domains);
-		if (!*name)
+		CHECK(mesh_task_about(run->work, i, &t, &err));
+		mesh_sums_add(ret_sums, &t.sums);
+		assert_true(!*t.pack == !t.sums.domains);
+		if (!*t.pack)
 			continue;
-		assert_int_equal(bytes, sums.bytes);
-		CHECK(work_file_open(run->work, name, bytes, &fd, &err));
-		CHECK(store_pack_open(fd, name, &k, &err));
-		assert_true(digest_equal(k.of, about.of) && k.n == sums.domains);
+		assert_int_equal(t.bytes, t.sums.bytes);
+		CHECK(work_file_open(run->work, t.pack, t.bytes, &fd, &err));
+		CHECK(store_pack_open(fd, t.pack, &k, &err));
+		assert_true(digest_equal(k.of, about.of) && k.n == t.sums.domains);
+		check_extent(&k, &t.extent);
 		gather_pack(&k, e, ret);
 		close(fd);
 	}

@@ -135,14 +135,12 @@ static void test_division(void **state)
 	run.p.cap = 20000;
 	run_all(&run);
 	for (uint32_t i = 0; i < TASKS; i++) {
-		char name[WORK_NAME];
-		struct mesh_sums sums;
-		uint64_t bytes;
+		struct mesh_task t;
 
-		CHECK(mesh_task_about(run.work, i, &sums, name, &bytes, &err));
-		all += sums.vertices;
-		least = sums.vertices < least ? sums.vertices : least;
-		most = sums.vertices > most ? sums.vertices : most;
+		CHECK(mesh_task_about(run.work, i, &t, &err));
+		all += t.sums.vertices;
+		least = t.sums.vertices < least ? t.sums.vertices : least;
+		most = t.sums.vertices > most ? t.sums.vertices : most;
 	}
 	assert_true(least * TASKS * 5 > all * 4 && most * TASKS * 4 < all * 5);
 	CHECK(work_record_need(run.work, WORK_PLAN, 0, &record, &err));
