@@ -23,7 +23,7 @@ static void print(FILE *out, const struct acut_plan *p)
 		term_field(out, "time", "not known");
 }
 
-static void print_json(const struct console *c, const char *dataset, const struct acut_plan *p)
+static void print_json(const struct console *c, const char *dataset, const struct acut_plan *p, const char *note)
 {
 	struct term_json j = console_json(c);
 
@@ -37,14 +37,33 @@ static void print_json(const struct console *c, const char *dataset, const struc
 	term_json_u64(&j, "memory_bytes", p->memory_bytes);
 	term_json_u64(&j, "disk_bytes", p->disk_bytes);
 	term_json_number(&j, "seconds", p->seconds > 0 ? p->seconds : NAN);
+	ctl_report_notes(&j, NULL, note, "");
 	term_json_end(&j);
+}
+
+/* As of a job; the answer of a plan has no lattice. */
+static int find_note(struct program *ctl, char note[CTL_MESH_NOTE])
+{
+	struct acut_dataset dataset;
+	struct acut_job job = {.view = ""};
+
+	*note = 0;
+	if (!ctl->view.max_error)
+		return 0;
+	if (acut_dataset_at(ctl->session.acut, ctl->line.word[0], ctl->opt.generation, &dataset))
+		return session_error_acut(&ctl->session);
+	job.lattice = dataset.lattice;
+	job.unit_z = dataset.unit_z;
+	ctl_fetch_bound(&job, ctl->view.max_error, note);
+	return 0;
 }
 
 int ctl_plan_run(struct program *ctl)
 {
 	struct session *session = &ctl->session;
 	const struct acut_plan *plan;
-	char *view;
+	struct acut_plan kept;
+	char *view, note[CTL_MESH_NOTE];
 	struct err err = ERR_INIT;
 	int status;
 
@@ -56,9 +75,14 @@ int ctl_plan_run(struct program *ctl)
 	free(view);
 	if (status)
 		return status;
+	kept = *plan;
+	status = find_note(ctl, note);
+	if (status)
+		return status;
+	console_note(&session->console, "%s", note);
 	if (session->console.json)
-		print_json(&session->console, ctl->line.word[0], plan);
+		print_json(&session->console, ctl->line.word[0], &kept, note);
 	else
-		print(session->console.report, plan);
+		print(session->console.report, &kept);
 	return SESSION_DONE;
 }

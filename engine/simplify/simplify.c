@@ -271,17 +271,27 @@ void simplify_state(const struct simplify *s, struct simplify_state *ret)
 
 /* ---- the next step ---- */
 
-/* A file of a task that is torn is removed, so that the task is done again. */
+/* Whether the files of a task are whole. In a round that tests regions there are two. */
+static bool is_whole(const struct simplify *s, uint32_t task)
+{
+	char name[GRID_NAME_MAX];
+
+	if (!simplify_file_whole(s->p.dirfd, task_file(s, task, name)))
+		return false;
+	return s->at.step != SIMPLIFY_CHECK || s->at.stars ||
+	       simplify_file_whole(s->p.dirfd, simplify_name(name, "edge", s->at.attempt, s->at.round, task));
+}
+
+/* A task with a torn file is done again. */
 static void discard_torn(struct simplify *s)
 {
 	for (uint32_t i = 0; i < s->at.tasks; i++) {
 		struct err ignored = ERR_INIT;
 		char name[GRID_NAME_MAX];
 
-		task_file(s, i, name);
-		if (simplify_file_whole(s->p.dirfd, name))
+		if (is_whole(s, i))
 			continue;
-		io_remove(s->p.dirfd, name, &ignored);
+		io_remove(s->p.dirfd, task_file(s, i, name), &ignored);
 		atomic_store(&s->done[i], false);
 	}
 }

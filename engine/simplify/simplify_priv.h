@@ -49,8 +49,9 @@ struct simplify {
 	struct grid *chosen; /* in SIMPLIFY_CHECK */
 	atomic_uchar *done;  /* of each task */
 	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
-	 * 0: SIMPLIFY_SEGMENTS. */
-	uint32_t load, block, segments;
+	 * 0: SIMPLIFY_SEGMENTS; triangles around the stars of a window; positions of a region with those that it adds. 0: as many
+	 * as fit. */
+	uint32_t load, block, segments, room, grow;
 	/* For tests: how many points regions added around which no later round tests; rounds that tested all regions again; all
 	 * points that regions add count as such, which is wrong. */
 	atomic_uint *settled, *again;

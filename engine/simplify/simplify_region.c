@@ -286,6 +286,8 @@ static bool add_inner(struct simplify_check *c, const struct pipe_kernel *k, con
 	*ret_added = false;
 	if (!is_inner(c, root, at) && !c->s->inward)
 		return true;
+	if (c->s->grow && tri_count(k->tri) >= c->s->grow)
+		return false;
 	full = k->pieces ? tri_piece_add(k->pieces, &v, root, &n) : tri_add(k->tri, &v, 1, false);
 	if (full == TRI_E_FULL)
 		return false;

@@ -13,7 +13,8 @@
 #include "order.h"
 #include "simplify_region.h"
 
-enum { STARS = 64, CAP = 1 << 15, NODE = 512 };
+/* A point is compared with all triangles of its window, so these are not many. */
+enum { STARS = 64, CAP = 1 << 15, NODE = 512, ROOM = 1 << 12 };
 
 struct star_triangle {
 	struct simplify_plane plane;
@@ -22,6 +23,8 @@ struct star_triangle {
 	struct point worst;
 	bool any; /* a point is in it */
 };
+
+_Static_assert(ROOM * sizeof(struct star_triangle) <= (size_t)2 * CAP * sizeof(struct point), "they fit into `worst`");
 
 struct stars {
 	struct simplify_check *c;
@@ -246,7 +249,7 @@ int simplify_stars(struct simplify_check *c, uint32_t task, struct err *err)
 
 	if (r)
 		return r;
-	w.room = (uint32_t)(2 * (size_t)c->budget.cap * sizeof *c->worst / sizeof *w.t);
+	w.room = c->s->room ? c->s->room : ROOM;
 	c->sink.point = add_point;
 	from = c->in.n * task / at->tasks;
 	to = c->in.n * (task + 1) / at->tasks;

@@ -1,6 +1,7 @@
 """The connection: the commands of acutctl as methods."""
 import contextlib
 import ctypes
+import dataclasses
 import functools
 import grp
 import os
@@ -17,7 +18,7 @@ from ._library import State, decoded, encoded, guard
 from ._mesh import Fetch, Mesh, progress_function
 from ._push import Push, push_options
 from ._results import take
-from ._view import Area, view_text, window_text
+from ._view import Area, bound_notes, view_text, window_text
 from ._volume import Volumes, volumes
 
 SYSTEM_SOCKET = "/run/acut/acutd.sock"
@@ -312,7 +313,9 @@ class Connection:
         view      its text instead, as Job.view has it
         """
         what = abi.acut_submission(encoded(dataset), at, _view(view, words), encoded(priority), bound, new)
-        return self._ask("submit_job", abi.acut_job, ctypes.byref(what), convert=results.job)
+        job = self._ask("submit_job", abi.acut_job, ctypes.byref(what), convert=results.job)
+        bound_of = words.get("max_error")
+        return job if bound_of is None else dataclasses.replace(job, notes=bound_notes(bound_of, job.lattice, job.unit_z))
 
     def wait(self, job: JobOrId, *, changed: Optional[Callable[[results.Job], None]] = None,
              check: bool = True) -> results.Job:
@@ -347,8 +350,13 @@ class Connection:
 
     def plan(self, dataset: str, *, at: int = 0, view: Optional[str] = None, **words: Any) -> results.Plan:
         """Domains, memory, disk and time of a job; starts nothing. The words are those of submit."""
-        return self._ask("plan", abi.acut_plan, encoded(dataset), at, _view(view, words),
+        plan = self._ask("plan", abi.acut_plan, encoded(dataset), at, _view(view, words),
                          convert=functools.partial(take, results.Plan))
+        bound_of = words.get("max_error")
+        if bound_of is None:
+            return plan
+        of = self.dataset(dataset, at=at)
+        return dataclasses.replace(plan, notes=bound_notes(bound_of, of.lattice, of.unit_z))
 
     # ---- meshes ----
 

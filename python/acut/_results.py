@@ -527,6 +527,7 @@ class Job:
     final: bool
     report: Optional[Report]
     error: Optional[Error]  # why it failed; not raised here
+    notes: List[str] = dataclasses.field(default_factory=list)  # of submit: what whoever asked should know
 
     def __index__(self) -> int:
         return self.id
@@ -552,3 +553,4 @@ class Plan:
     seconds: float
     load: int
     threads: int
+    notes: List[str] = dataclasses.field(default_factory=list)  # what whoever asks should know

@@ -7,6 +7,7 @@ import json
 import os
 import re
 from decimal import Decimal, InvalidOperation
+from fractions import Fraction
 from typing import Any, Iterable, List, Mapping, Optional, Tuple, Union
 
 from ._errors import InputError, LimitError, UsageError
@@ -211,6 +212,27 @@ def _length(value: Any, name: str) -> str:
     if _decimal(number, name) < 0 or (name == "thin" and _decimal(number, name) == 0):
         raise UsageError("%s is not a length: %r" % (name, value))
     return _plain(number, name) + unit
+
+
+_METRES = {"metre": Fraction(1), "foot": Fraction(3048, 10000), "us-survey-foot": Fraction(1200, 3937)}
+_SUFFIXES = {"m": "metre", "ft": "foot", "ftUS": "us-survey-foot"}
+
+
+def bound_notes(max_error: Any, lattice: str, unit_z: str) -> List[str]:
+    """What is to be said of a bound, which is a multiple of the step of the heights: one that is none is rounded down."""
+    asked = _length(max_error, "max_error")
+    number = asked.rstrip("mftUS")
+    suffix = asked[len(number):]
+    words = lattice.split()
+    if len(words) < 2 or (suffix and unit_z not in _METRES):
+        return []
+    step = Fraction(words[1])
+    length = Fraction(number) * (_METRES[_SUFFIXES[suffix]] / _METRES[unit_z] if suffix else 1)
+    if length % step == 0:
+        return []
+    holds = Decimal(words[1]) * (length // step)
+    return ["max_error %s is rounded down to %s, a multiple of the step of the heights (%s)" %
+            (asked, format(holds.normalize(), "f"), words[1])]
 
 
 def _weights(value: Any) -> str:

@@ -182,7 +182,8 @@ def jobs(d, base, seen, text):
     job = json.loads(j("submit", "text", "--new", "--wait").ok().out)["job"]
     seen.add("a job", j("cancel", str(job)).ok().out)
     seen.add("a removed job", j("rm", str(job)).ok().out)
-    seen.add("a plan", j("plan", "valley").ok().out + j("plan", "text").ok().out)
+    seen.add("a plan", j("plan", "valley").ok().out + j("plan", "text").ok().out +
+             j("plan", "valley", "--max-error", "0.5123").ok().out)
     for words in (("show", "999"), ("submit", "nothing"), ("mesh", base + "/none.las", "-o", base + "/x.ply")):
         got = j(*words)
         expect(got.status not in (0, 3), "%s" % (words,))

@@ -445,6 +445,10 @@ def refused():
         expect([j["notes"] for j in lines] == [[note], []], str([j["notes"] for j in lines]))
         got = d.ctl("submit", "metres", "--max-error", "4ft").ok()
         expect(note in got.err, got.err)
+        for name, notes in (("metres", [note]), ("feet", [])):
+            expect(d.ctl("plan", name, "--max-error", "4ft", "--json").ok().json()["notes"] == notes, "a plan of %s" % name)
+        expect(note in d.ctl("plan", "metres", "--max-error", "4ft").ok().err, "a plan without a note")
+        expect(d.ctl("plan", "metres", "--json").ok().json()["notes"] == [], "a note without a bound")
         for bound, notes in (("2.5", [note.replace("4ft", "2.5").replace("to 1", "to 2")]), ("2.0", [])):
             got = d.ctl("mesh", path, "--format", "null", "--json", "--max-error", bound).ok()
             expect(got.json()["notes"] == notes and got.json()["bound"]["max_error"] == 2, str(got.json()))

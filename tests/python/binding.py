@@ -175,6 +175,12 @@ def same_views():
             expect(job.view == r["view"] and job.id == r["job"], "%r: %s, %s" % (words, job.view[:100], r["view"][:100]))
         expect(c.submit("s", view=job.view).id == job.id, "a view by its text")
         expect(c.plan("s", ground=True).points == 20000, "a plan")
+        for bound, rounded in (("0.25ft", True), (1, False), ("0.0251", True), (0, False), ("10m", False)):
+            notes = d.ctl("submit", "s", "--json", "--max-error=%s" % bound).ok().json()["notes"]
+            notes = [n for n in notes if "rounded down" in n]  # not what its report says
+            expect(bool(notes) == rounded, "%s: %s" % (bound, notes))
+            for got in (c.submit("s", max_error=bound), c.plan("s", max_error=bound)):
+                expect(["--max-error" + n[len("max_error"):] for n in got.notes] == notes, "%s: %s, %s" % (bound, got.notes, notes))
         for words, options in [
                 ({"ground": True, "surface": True}, ["--ground", "--surface"]), ({"thin_pick": "median"}, ["--thin-pick", "median"]),
                 ({"surface": True, "returns": "last"}, ["--surface", "--returns", "last"]), ({"thin": "0"}, ["--thin", "0"]),

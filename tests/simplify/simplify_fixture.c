@@ -65,9 +65,11 @@ static void set_limits(struct simplify *s, const struct how *how)
 	s->load = how->load;
 	s->block = how->block;
 	s->segments = how->segments;
+	s->room = how->room;
+	s->grow = how->grow;
 	s->inward = how->inward;
 	s->settled = how->inward ? NULL : &fixture_settled;
-	s->again = how->inward ? NULL : &fixture_again;
+	s->again = how->inward || how->room || how->grow ? NULL : &fixture_again;
 }
 
 static void run_tasks(struct simplify **s, const struct simplify_params *p, const struct how *how, void *memory)

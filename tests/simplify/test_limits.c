@@ -282,11 +282,99 @@ static void check_torn(enum damage how)
 	dataset_end(&d);
 }
 
+/* Begins one with small regions, and does the rounds up to this one; *ret_memory: of tasks. */
+static struct simplify *begin_small(const struct simplify_params *p, uint64_t round, void **ret_memory)
+{
+	struct err err = ERR_INIT;
+	struct simplify *s;
+
+	*ret_memory = aligned_alloc(64, (p->memory + 63) & ~(size_t)63);
+	CHECK(simplify_open(p, &s, &err));
+	s->load = 100;
+	s->block = 200;
+	while (s->at.step != SIMPLIFY_CHECK || s->at.round < round) {
+		CHECK(tasks(s, *ret_memory, &err));
+		CHECK(simplify_next(s, &err));
+	}
+	return s;
+}
+
+/* So is one with two files. */
+static void check_torn_edge(enum damage how)
+{
+	struct dataset d = dataset(3000, 300, 40);
+	struct folder f = folder_new(), g;
+	struct simplify_params p = params_of(&d, &f);
+	struct how usual = {.max_error = p.max_error, .load = 100, .block = 200};
+	struct simplify_report report;
+	struct err err = ERR_INIT;
+	void *memory;
+	struct simplify *s = begin_small(&p, 0, &memory);
+	int r;
+
+	CHECK(tasks(s, memory, &err));
+	damage(&f, "edge-0-0-2", how);
+	assert_int_equal(simplify_next(s, &err), -ERR_CORRUPT);
+	assert_true(simplify_task_done(s, 1));
+	assert_false(simplify_task_done(s, 2));
+	err_clear(&err);
+	do {
+		CHECK(tasks(s, memory, &err));
+		r = simplify_next(s, &err);
+	} while (!r);
+	assert_int_equal(r, SIMPLIFY_E_DONE);
+	simplify_free(s);
+	g = simplify_in_folder(&d, &view, &usual, &report);
+	struct reader a = simplify_reader(&d, &f, SIMPLIFY_MANIFEST), b = simplify_reader(&d, &g, SIMPLIFY_MANIFEST);
+
+	assert_true(digest_equal(grid_content(a.grid), grid_content(b.grid)));
+	reader_close(&a);
+	reader_close(&b);
+	free(memory);
+	folder_remove(&f);
+	folder_remove(&g);
+	dataset_end(&d);
+}
+
 static void test_torn(void **state)
 {
 	(void)state;
 	for (unsigned how = 0; how < DAMAGES; how++)
 		check_torn((enum damage)how);
+	for (unsigned how = 0; how < DAMAGES; how++)
+		check_torn_edge((enum damage)how);
+}
+
+/* A round around stars, and what an earlier version left: neither is continued if its file is not as it should be. */
+static void test_stars_continued(void **state)
+{
+	struct dataset d = dataset(3000, 300, 40);
+	struct folder f = folder_new();
+	struct simplify_params p = params_of(&d, &f);
+	struct err err = ERR_INIT;
+	void *memory;
+	struct simplify *s = begin_small(&p, 1, &memory);
+	int fd;
+
+	(void)state;
+	assert_true(s->at.stars > 0);
+	simplify_free(s);
+	CHECK(simplify_open(&p, &s, &err));
+	simplify_free(s);
+	damage(&f, "star-0-1-0", FLIPPED);
+	assert_int_equal(simplify_open(&p, &s, &err), -ERR_CORRUPT);
+	err_clear(&err);
+	damage(&f, "star-0-1-0", FLIPPED);
+	CHECK(simplify_open(&p, &s, &err));
+	simplify_free(s);
+	fd = openat(f.fd, "state", O_RDWR);
+	assert_int_equal(pwrite(fd, "acut-simplify-state 1", 21, 0), 21);
+	close(fd);
+	assert_int_equal(simplify_open(&p, &s, &err), -ERR_CORRUPT);
+	err_clear(&err);
+	free(memory);
+	folder_remove(&f);
+	dataset_end(&d);
 }
 
 /* Files that tasks read in part: damage behind their heads is found when the folder is opened again. */
@@ -385,10 +473,10 @@ static void test_many(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_memory),    cmocka_unit_test(test_too_few),      cmocka_unit_test(test_too_many),
-		cmocka_unit_test(test_cancel),    cmocka_unit_test(test_cancel_merge), cmocka_unit_test(test_torn),
-		cmocka_unit_test(test_continued), cmocka_unit_test(test_no_points),    cmocka_unit_test(test_key),
-		cmocka_unit_test(test_many),
+		cmocka_unit_test(test_memory),    cmocka_unit_test(test_too_few),         cmocka_unit_test(test_too_many),
+		cmocka_unit_test(test_cancel),    cmocka_unit_test(test_cancel_merge),    cmocka_unit_test(test_torn),
+		cmocka_unit_test(test_continued), cmocka_unit_test(test_no_points),       cmocka_unit_test(test_key),
+		cmocka_unit_test(test_many),      cmocka_unit_test(test_stars_continued),
 	};
 
 	skip_fsync();

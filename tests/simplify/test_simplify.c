@@ -237,12 +237,17 @@ static struct how random_how(uint32_t heights)
 		h.load = 0;
 	if (rnd(4) == 0)
 		h.block = 0;
+	/* Windows and regions without room. */
+	if (rnd(3) == 0)
+		h.room = 1 + (uint32_t)rnd(12);
+	if (rnd(5) == 0)
+		h.grow = 1 + (uint32_t)rnd(60);
 	return h;
 }
 
 static void run_case(uint64_t seed, bool lines)
 {
-	uint32_t range = 2 + (uint32_t)(1 << (1 + rnd(6))), heights = 1 + (uint32_t)rnd(rnd(2) ? 6 : 60);
+	uint32_t range, heights;
 	struct chain_lines line;
 	struct set s;
 	size_t n;
@@ -254,6 +259,7 @@ static void run_case(uint64_t seed, bool lines)
 
 	rng = seed;
 	range = 2 + (uint32_t)(1 << (1 + rnd(6)));
+	heights = 1 + (uint32_t)rnd(rnd(2) ? 6 : 60);
 	n = rnd(12) ? 1 + rnd(150) : 1 + rnd(4);
 	/* Enough for regions with an inside. */
 	if (rnd(25) == 0) {
