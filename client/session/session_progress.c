@@ -41,18 +41,18 @@ const char *session_progress_time(double s, char buf[24])
 }
 
 /* What the job waits for, in the words of the command jobs. */
-static const char *waits_text(const char *waiting, char buf[128])
+static const char *waits_text(const char *waiting, char buf[320])
 {
 	static const char space[] = "waiting-space: ", file[] = "stalled-file: ";
 	uint64_t bytes;
 	char size[32];
 
 	if (!strncmp(waiting, space, sizeof(space) - 1) && parse_u64(waiting + sizeof(space) - 1, &bytes))
-		snprintf(buf, 128, "%s of disk space are lacking", parse_size_text(bytes, size));
+		snprintf(buf, 320, "%s of disk space are lacking", parse_size_text(bytes, size));
 	else if (!strncmp(waiting, file, sizeof(file) - 1))
-		snprintf(buf, 128, "%.90s gives nothing", waiting + sizeof(file) - 1);
+		snprintf(buf, 320, "%s gives nothing", waiting + sizeof(file) - 1);
 	else
-		snprintf(buf, 128, "waits for %.100s", waiting);
+		snprintf(buf, 320, "waits for %.100s", waiting);
 	return buf;
 }
 
@@ -60,7 +60,7 @@ static const char *waits_text(const char *waiting, char buf[128])
 static void note_space(struct session_progress *p, const struct acut_progress *now)
 {
 	bool lacks = now->waiting && !strncmp(now->waiting, "waiting-space", 13);
-	char text[128];
+	char text[320];
 
 	if (lacks && !p->printed_space)
 		console_note(&p->session->console, "%s", waits_text(now->waiting, text));
@@ -85,7 +85,7 @@ static void draw(struct session_progress *p, const struct acut_progress *now)
 {
 	uint64_t points = p->base + now->points, total = p->total ? p->total : now->points_total;
 	double seconds = clock_since(p->start_ns), share = 0;
-	char a[24], b[24], c[24], text[128], line[256];
+	char a[24], b[24], c[24], text[320], line[512];
 	int n;
 
 	if (now->domains_total)

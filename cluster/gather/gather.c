@@ -7,6 +7,7 @@
  * lines (which divide themselves after they are drawn), and what is trimmed from the hull. The other tasks then have nothing to
  * do.
  */
+#include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
@@ -297,6 +298,7 @@ static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 	struct gather_share_sums sums = {.vertices = 0};
 	char own[GATHER_PART];
 	uint64_t memory = 0;
+	double waited = 0;
 	size_t range[2];
 	int r = memory_left(t, &memory, err);
 
@@ -311,7 +313,9 @@ static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 	if (r)
 		return r;
 	gather_share_of(t->places, &t->in.sums, t->index, tasks, range, &share);
-	r = ctl_fetch_make(t->p->outputs, &opt, &t->run, err);
+	while ((r = ctl_fetch_make(t->p->outputs, &opt, &t->run, err)) && (r == -ERR_GONE || err->sys == ESTALE) &&
+	       work_wait(t->p->work, &waited))
+		err_clear(err); /* a file that another node made is seen late */
 	if (!r)
 		r = write_shared(t, &tail, range, &sums, err);
 	if (r == -ERR_GONE)

@@ -55,6 +55,8 @@ int work_inputs(const struct work *, struct work_input **ret, size_t *ret_n, str
 
 /* Seconds for which a file that must be there is waited for; 120 unless set ($ACUT_CLUSTER_PATIENCE). */
 void work_set_patience(struct work *, double seconds);
+/* Waits a little, longer each time; false: the patience is over. *waited: seconds so far, 0 at first. */
+bool work_wait(const struct work *, double *waited);
 /* Opens a file of the folder for reading, which some task has written. `size`: its bytes, by its record; UINT64_MAX: unknown. A
  * file that is absent, stale or shorter is waited for. *ret_fd is the caller's. */
 int work_file_open(const struct work *, const char *name, uint64_t size, int *ret_fd, struct err *err);

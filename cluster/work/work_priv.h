@@ -56,7 +56,5 @@ int work_write_new(const struct work *, const char *temp, const void *bytes, siz
 uint64_t work_random(void);
 /* Whether the error is one that a shared file system mends: the file is not seen yet, or not any more. */
 bool work_passing(int sys);
-/* Waits a little, longer each time; false: the patience is over. *waited: seconds so far, 0 at first. */
-bool work_wait(const struct work *, double *waited);
 
 #endif

@@ -424,6 +424,17 @@ void push_remove_files(struct push *p)
 	dataset_close(p->dataset);
 }
 
+/* The last characters of a text, in at most `most` bytes. */
+static const char *text_end(const char *text, size_t most)
+{
+	size_t size = strlen(text);
+	const char *end = size > most ? text + size - most : text;
+
+	while ((*end & 0xC0) == 0x80) /* the middle of a character of UTF-8 */
+		end++;
+	return end;
+}
+
 static void report_progress(struct push *p, const struct push_request *rq)
 {
 	uint64_t hash_end = atomic_load(&p->hash_end), done = atomic_load(&p->progress), all = atomic_load(&p->claimed);
@@ -434,7 +445,7 @@ static void report_progress(struct push *p, const struct push_request *rq)
 		return;
 	p->progress_ns = clock_mono_ns();
 	if (hangs)
-		snprintf(waiting, sizeof waiting, "stalled-file: %.280s", rq->name);
+		snprintf(waiting, sizeof waiting, "stalled-file: %s", text_end(rq->name, 280));
 	if (hash_end)
 		p->calls.progress(rq->token, "hash", atomic_load(&p->hashed), hash_end, waiting);
 	else if (rq->kind == PUSH_FILE)

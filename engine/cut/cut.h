@@ -119,9 +119,6 @@ int cut_plan_room(struct cut_plan *, size_t n, struct err *err);
 size_t cut_sites_bytes(const struct cut_sites *);
 struct cut_sites *cut_sites_free(struct cut_sites *);
 
-/* Bytes for a position of a domain, for the text of an error. err.need has the positions. */
-enum { CUT_BYTES_PER_POSITION = 80 };
-
 /* Splits the root until each leaf has at most `load` positions. Without points there are no leaves. Charges the grid's
  * ledger. */
 int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);

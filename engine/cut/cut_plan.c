@@ -276,7 +276,7 @@ int cut_plan_below_from(const struct cut_source *src, const struct cut_region *t
 static int set_limit_error(const struct cut_source *src, const struct cut_leaf *leaf, uint64_t need, uint32_t cap,
 			   struct err *err)
 {
-	uint64_t points = 0, bytes = need * CUT_BYTES_PER_POSITION;
+	uint64_t points = 0;
 	char text[CUT_REGION_TEXT_SIZE];
 	bool exact;
 	int rc = src->count(src->ctx, 0, UINT64_MAX, &points, &exact, err);
@@ -284,9 +284,9 @@ static int set_limit_error(const struct cut_source *src, const struct cut_leaf *
 	if (rc)
 		return rc;
 	err_set(err, ERR_LIMIT,
-		"of %" PRIu64 " points, %" PRIu64 " must be in memory at once (%" PRIu64 " bytes) for region %s; the "
+		"of %" PRIu64 " points, %" PRIu64 " must be in memory at once for region %s; the "
 		"budget carries %" PRIu32 ": they lie in convex position, as on a circle or a line",
-		points, need, bytes, cut_region_text(&leaf->region, text), cap);
+		points, need, cut_region_text(&leaf->region, text), cap);
 	err->need = need; /* how much memory that takes is known where the budget is computed */
 	return -ERR_LIMIT;
 }

@@ -90,8 +90,14 @@ int pipe_budget_wide(uint64_t memory, uint64_t positions, const struct grid *gri
 	if (*ret_need > memory)
 		return err_set(err, ERR_LIMIT, "a region of %" PRIu64 " positions needs %s of memory, not %s", positions,
 			       parse_size_text(*ret_need, need), parse_size_text(memory, have));
-	while (2 * pipe_domain_bytes((uint32_t)cap, reader) > memory)
-		cap -= (cap - positions + 1) / 2;
+	for (uint64_t low = positions; low < cap;) {
+		uint64_t middle = low + (cap - low + 1) / 2;
+
+		if (2 * pipe_domain_bytes((uint32_t)middle, reader) <= memory)
+			low = middle;
+		else
+			cap = middle - 1;
+	}
 	*ret = (struct pipe_budget){
 		.load = load_of((uint32_t)cap),
 		.cap = (uint32_t)cap,
