@@ -18,7 +18,7 @@
 #include "simplify_round.h"
 
 static const char STATE[] = "state";
-static const char HEAD[] = "acut-simplify-state 2";
+static const char HEAD[] = "acut-simplify-state 3";
 
 #define ROW(field)                                             \
 	{                                                      \
@@ -29,7 +29,7 @@ static const struct simplify_row rows[] = {
 	ROW(added),      ROW(seeds),       ROW(rounds),   ROW(tested), ROW(hull),    ROW(lines),      ROW(points),
 	ROW(flat),       ROW(records),     ROW(target),   ROW(low),    ROW(best),    ROW(best_error), ROW(best_chosen),
 	ROW(best_seeds), ROW(best_rounds), ROW(best_far), ROW(far),    ROW(corner0), ROW(corner1),    ROW(corner2),
-	ROW(lost),       ROW(regions),     ROW(stars),
+	ROW(lost),       ROW(regions),     ROW(stars),    ROW(edges),
 };
 enum { ROWS = sizeof rows / sizeof *rows };
 
@@ -147,7 +147,11 @@ static bool is_needed(const struct simplify *s, const char *name)
 		if (!strcmp(name, task_file(s, i, other)) ||
 		    !strcmp(name, simplify_name(other, "edge", at->attempt, at->round, i)))
 			return true;
-	return !strcmp(name, simplify_name(other, "plan", at->attempt, 0, 0)) ||
+	if (at->edges && !at->round &&
+	    (!strcmp(name, simplify_name(other, "border", at->attempt, 0, 0)) ||
+	     is_of_grid(s, simplify_name(other, "strip", at->attempt, 0, 0), name)))
+		return true;
+	return (!at->stars && !strcmp(name, simplify_name(other, "plan", at->attempt, at->round, 0))) ||
 	       !strcmp(name, simplify_name(other, "star", at->attempt, at->round, 0)) ||
 	       is_of_grid(s, simplify_name(other, "chosen", at->attempt, at->round, 0), name);
 }
@@ -181,8 +185,10 @@ static int check_files(const struct simplify *s, struct err *err)
 
 	if (s->at.step == SIMPLIFY_BLOCKS)
 		whole = simplify_file_whole(s->p.dirfd, name);
-	if (s->at.step == SIMPLIFY_CHECK)
-		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "plan", s->at.attempt, 0, 0));
+	if (s->at.step == SIMPLIFY_CHECK && !s->at.stars)
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "plan", s->at.attempt, s->at.round, 0));
+	if (s->at.step == SIMPLIFY_CHECK && whole && s->at.edges && !s->at.round)
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "border", s->at.attempt, 0, 0));
 	if (s->at.step == SIMPLIFY_CHECK && whole && s->at.stars)
 		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "star", s->at.attempt, s->at.round, 0));
 	if (whole)
@@ -214,6 +220,8 @@ static int find_state(struct simplify *s, struct err *err)
 		r = sweep(s, err);
 	if (!r && s->at.step == SIMPLIFY_CHECK)
 		r = simplify_grid(s, simplify_name(name, "chosen", s->at.attempt, s->at.round, 0), &s->chosen, err);
+	if (!r && s->at.step == SIMPLIFY_CHECK && s->at.edges && !s->at.round)
+		r = simplify_grid(s, simplify_name(name, "strip", s->at.attempt, 0, 0), &s->strip, err);
 	return r;
 }
 
@@ -252,6 +260,7 @@ struct simplify *simplify_free(struct simplify *s)
 	if (!s)
 		return NULL;
 	grid_close(s->chosen);
+	grid_close(s->strip);
 	free(s->done);
 	free(s);
 	return NULL;
@@ -320,7 +329,7 @@ int simplify_next(struct simplify *s, struct err *err)
 
 	if (s->at.step == SIMPLIFY_DONE)
 		return SIMPLIFY_E_DONE;
-	next.chosen = NULL;
+	next.chosen = next.strip = NULL;
 	next.done = NULL;
 	if (s->at.step == SIMPLIFY_DIVIDE)
 		r = end_divide(s, &next.at, err);
@@ -332,11 +341,13 @@ int simplify_next(struct simplify *s, struct err *err)
 		r = find_done(&next, err);
 	if (r) {
 		grid_close(next.chosen);
+		grid_close(next.strip);
 		if (r == -ERR_CORRUPT)
 			discard_torn(s);
 		return r;
 	}
 	grid_close(s->chosen);
+	grid_close(s->strip);
 	free(s->done);
 	*s = next;
 	r = sweep(s, err);

@@ -23,7 +23,7 @@ enum { EACH = 2 * sizeof(struct point) + 2 * sizeof(uint32_t) + 1 };
 
 static size_t fixed_bytes(const struct simplify *s)
 {
-	return align_line(sizeof(struct simplify_check)) + align_line(grid_reader_bytes(s->p.grid)) + 5 * ALIGN_LINE;
+	return align_line(sizeof(struct simplify_check)) + align_line(grid_reader_bytes(s->p.grid)) + 7 * ALIGN_LINE;
 }
 
 /* Without a grid of the points chosen: one of as many segments as it may have. */
@@ -45,7 +45,7 @@ static int lay_out(struct simplify_check *c, uint8_t *memory, struct err *err)
 	size_t cap;
 	int r;
 
-	r = pipe_budget_fixed(SIMPLIFY_REGION, s->p.memory, fixed_bytes(s), EACH, s->chosen, &c->budget, err);
+	r = pipe_budget_fixed(SIMPLIFY_REGION, s->p.memory, fixed_bytes(s), EACH, simplify_tested(s), &c->budget, err);
 	if (r)
 		return r;
 	cap = c->budget.cap;
@@ -55,6 +55,8 @@ static int lay_out(struct simplify_check *c, uint8_t *memory, struct err *err)
 	c->list = align_carve(&at, 2 * cap * sizeof *c->list);
 	c->mine = align_carve(&at, (2 * cap + 63) / 64 * sizeof *c->mine);
 	c->fresh = align_carve(&at, (cap + 63) / 64 * sizeof *c->fresh);
+	c->calm = align_carve(&at, (cap + 63) / 64 * sizeof *c->calm);
+	c->keyed = align_carve(&at, (cap + 63) / 64 * sizeof *c->keyed);
 	return 0;
 }
 
@@ -63,7 +65,8 @@ static int lay_out(struct simplify_check *c, uint8_t *memory, struct err *err)
 static int split(struct simplify_check *c, size_t i, uint64_t need, struct err *err)
 {
 	struct grid_reader *reader;
-	int r = grid_reader_new(c->s->chosen, c->domain, grid_reader_bytes(c->s->chosen), &reader, err);
+	const struct grid *grid = simplify_tested(c->s);
+	int r = grid_reader_new(grid, c->domain, grid_reader_bytes(grid), &reader, err);
 
 	if (r)
 		return r;
@@ -82,7 +85,7 @@ static int check_regions(struct simplify_check *c, struct err *err)
 	for (size_t i = 0; !r && i < c->plan.n;) {
 		const struct cut_region region = c->plan.leaf[i].region;
 
-		r = pipe_kernel(c->s->chosen, &c->s->rest, &region, NULL, &c->budget, c->domain, &k, &need, err);
+		r = pipe_kernel(simplify_tested(c->s), &c->s->rest, &region, NULL, &c->budget, c->domain, &k, &need, err);
 		if (r == PIPE_E_SPLIT) {
 			r = split(c, i, need, err);
 			continue;
@@ -101,7 +104,8 @@ static int begin_region(struct simplify_check *c, uint32_t task, struct err *err
 	const struct simplify *s = c->s;
 	struct cut_leaf leaf = {.exact = false};
 	char name[GRID_NAME_MAX];
-	int r = simplify_in_begin(&c->in, s->p.dirfd, simplify_name(name, "plan", s->at.attempt, 0, 0), sizeof leaf.region, err);
+	int r = simplify_in_begin(&c->in, s->p.dirfd, simplify_name(name, "plan", s->at.attempt, s->at.round, 0),
+				  sizeof leaf.region, err);
 
 	if (r)
 		return r;
@@ -111,6 +115,11 @@ static int begin_region(struct simplify_check *c, uint32_t task, struct err *err
 	if (r)
 		return r;
 	c->plan.leaf[c->plan.n++] = leaf;
+	if (s->at.edges && !s->at.round)
+		r = simplify_in_begin(&c->border, s->p.dirfd, simplify_name(name, "border", s->at.attempt, 0, 0),
+				      sizeof(uint64_t), err);
+	if (r)
+		return r;
 	simplify_name(name, "edge", s->at.attempt, s->at.round, task);
 	return simplify_out_begin(&c->edge, s->p.dirfd, name, sizeof *c->worst, err);
 }
@@ -140,7 +149,7 @@ int simplify_check(const struct simplify *s, uint32_t task, void *memory, struct
 
 	memset(c, 0, sizeof *c);
 	c->s = s;
-	c->in.fd = -1;
+	c->in.fd = c->border.fd = -1;
 	c->random = 1;
 	r = lay_out(c, memory, err);
 	if (r)
@@ -157,6 +166,7 @@ int simplify_check(const struct simplify *s, uint32_t task, void *memory, struct
 		r = simplify_out_end(&c->out, info, err);
 	simplify_out_abort(&c->out);
 	simplify_in_end(&c->in);
+	simplify_in_end(&c->border);
 	cut_plan_done(&c->plan);
 	return r;
 }

@@ -9,6 +9,7 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#include <string.h>
 
 #include "geom.h"
 #include "point.h"
@@ -83,6 +84,17 @@ static inline uint64_t simplify_key_of(geom_u128 far, geom_i128 area)
 static inline uint64_t simplify_plane_key(const struct simplify_plane *q, geom_u128 far)
 {
 	return simplify_key_of(far, q->area);
+}
+
+/* Notes the error of a triangle that stays. */
+static inline void simplify_found_far(struct simplify_found *found, geom_u128 most, geom_i128 area, const uint64_t corner[3])
+{
+	enum { THOUSAND = 1000 };
+
+	if (most * THOUSAND <= found->far * (geom_u128)area)
+		return;
+	found->far = (uint64_t)((most * THOUSAND + (geom_u128)area - 1) / (geom_u128)area);
+	memcpy(found->corner, corner, sizeof found->corner);
 }
 
 #endif

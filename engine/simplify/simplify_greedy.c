@@ -25,67 +25,18 @@
 #include "digest.h"
 #include "geom.h"
 #include "simplify_base.h"
+#include "simplify_cell.h"
 #include "simplify_error.h"
-#include "tri.h"
 
-#define NONE UINT32_MAX
+#define NONE SIMPLIFY_NONE
 
 enum {
-	FAN = 64,    /* the most triangles of a fan that is dealt out in 64 bits */
 	STEP = 6,    /* the limit falls by a sixth */
 	PART = 1024, /* triangles of the base that are refined one after the other */
 };
 
 /* The key of a point of the base: greater than all errors. */
 #define ROUGH (((uint64_t)1 << 49) + 1)
-
-/* Half of a cache line: most of the time goes into reaching these. */
-struct cell {
-	uint32_t corner[3], beside[3]; /* neighbours across from the corners */
-	uint32_t first;                /* of its points */
-	uint32_t worst;                /* the farthest of them */
-};
-
-/* A side of the hole, counter-clockwise, and what is behind it. */
-struct side {
-	uint32_t a, b, beyond, cell;
-};
-
-/* A point, and the next in the list of its triangle. */
-struct node {
-	int32_t x, y, z;
-	uint32_t next;
-};
-
-/* A triangle of the hole, and the one from which it was reached. */
-struct pit {
-	uint32_t cell, from;
-};
-
-/* A triangle of a fan: its corners a and b relative to the new point, and the farthest of its points so far. */
-struct blade {
-	int64_t ax, ay, az, bx, by, bz, area;
-	uint64_t most;
-	uint32_t worst, first, before, after;
-};
-
-struct greedy {
-	struct simplify_greedy *g;
-	const struct point *pts;
-	struct node *node;
-	struct cell *cell;
-	struct side *side;
-	uint64_t *key; /* of each cell: that of its farthest point */
-	struct pit *hole;
-	uint32_t *from;  /* of a vertex of the hole, the side that begins there */
-	struct tri *tri; /* of the base; in the memory of sides and keys, which are used later */
-	struct simplify_place *order;
-	uint32_t ncell, nhole, nside;
-	int64_t high;  /* the range of heights; 0: the block is too wide for 64 bits */
-	int64_t error; /* what is not farther is near enough; within the range */
-	struct blade blade[FAN];
-	uint32_t list[FAN], nlist; /* the first points of lists */
-};
 
 size_t simplify_greedy_bytes(uint32_t n)
 {
@@ -239,7 +190,7 @@ static void take_lists(struct greedy *w)
 	for (uint32_t i = 0; i < w->nhole; i++) {
 		uint32_t first = w->cell[w->hole[i].cell].first;
 
-		if (w->nhole <= FAN) {
+		if (w->nhole <= SIMPLIFY_FAN) {
 			w->list[w->nlist] = first;
 			w->nlist += first != NONE;
 			continue;
@@ -349,7 +300,7 @@ static bool make_blades(struct greedy *w, uint32_t p)
 	const struct node *o = &w->node[p];
 	int64_t most;
 
-	if (!w->high || w->nside > FAN)
+	if (!w->high || w->nside > SIMPLIFY_FAN)
 		return false;
 	most = (INT64_C(1) << 61) / w->high;
 	for (uint32_t i = 0; i < w->nside; i++) {
@@ -408,6 +359,14 @@ static inline uint32_t take(struct greedy *w, uint32_t i, const struct node *o, 
 	return (uint32_t)(f - w->blade);
 }
 
+/* Most are near enough, and the division of integers takes long. */
+static inline uint64_t near_key(const struct greedy *w, const struct blade *f)
+{
+	uint64_t key = (uint64_t)(int64_t)((double)(int64_t)f->most / (double)f->area * (1 << SIMPLIFY_KEY_SHIFT));
+
+	return key < w->g->least ? key : w->g->least;
+}
+
 static bool deal_narrow(struct greedy *w, uint32_t p)
 {
 	const struct node o = w->node[p];
@@ -425,9 +384,8 @@ static bool deal_narrow(struct greedy *w, uint32_t p)
 		const struct blade *f = &w->blade[i];
 
 		w->cell[w->side[i].cell].first = f->first;
-		/* Most are near enough, and a division takes long. */
 		set_worst(w, w->side[i].cell, f->worst,
-			  f->most > (uint64_t)(w->error * f->area) ? simplify_key_of(f->most, f->area) : 0);
+			  f->most > (uint64_t)(w->error * f->area) ? simplify_key_of(f->most, f->area) : near_key(w, f));
 	}
 	return true;
 }
@@ -568,10 +526,14 @@ void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 	carve(&w, g, memory);
 	fill_nodes(&w);
 	g->npick = 0;
+	g->corner = w.from;
+	g->found = (struct simplify_found){.tests = 0};
 	g->nhull = g->n ? simplify_hull(g->pts, g->n, w.order, g->hull) : 0;
 	if (g->nhull < 3 || !make_base(&w))
 		return;
 	deal_first(&w);
 	memset(w.from, 0xff, (size_t)g->n * sizeof *w.from);
 	sweep_all(&w);
+	if (g->clear)
+		simplify_settle(&w);
 }

@@ -23,17 +23,37 @@ struct simplify_pick {
 	uint32_t at;
 };
 
+/* What a task found, in `info` of its file. */
+struct simplify_found {
+	uint64_t tests;
+	uint64_t far;       /* the greatest error of a triangle that stays, in thousandths, rounded up */
+	uint64_t corner[3]; /* of one that has it: digest_place */
+	uint64_t full;      /* something was not tested, since there was no room */
+};
+
+struct simplify_raster;
+
+enum { SIMPLIFY_EDGE = 1, SIMPLIFY_RING = 2 };
+
 struct simplify_greedy {
 	const struct point *pts; /* distinct, in Morton order. The base: POINT_LINE, and the corners of the hull */
 	uint32_t n;
 	uint64_t least; /* it ends when no key is greater */
 	bool rough;     /* the base has more points, where the ground is rough for an error of this key */
 	unsigned step;  /* 0: as usual; the greater, the nearer to strictly greedy insertion, and the slower */
+	/* A box in which no other points of the view are (min x, min y, max x, max y). NULL: what is settled is not asked. */
+	const int32_t *clear;
+	const struct simplify_raster *pieces; /* squares that pieces of lines meet; NULL: there are no pieces */
 	/* results, in the memory */
 	struct simplify_pick *pick; /* in order of insertion */
 	uint32_t npick;
 	uint32_t *hull; /* corners of the hull, counter-clockwise; of collinear points the two ends */
 	uint32_t nhull;
+	/* With `clear`: of each point, SIMPLIFY_EDGE if it is a corner of a triangle that is not settled (simplify_settle.c), or
+	 * of a side of the hull; SIMPLIFY_RING if it shares a triangle with such a point; and the greatest error of settled
+	 * triangles. */
+	uint32_t *corner;
+	struct simplify_found found;
 };
 
 /* Bytes of `memory` for n points. */

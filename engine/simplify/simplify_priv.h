@@ -30,6 +30,7 @@ struct simplify_where {
 	uint64_t chosen, added, seeds, rounds; /* of this attempt; positions */
 	uint64_t tested;
 	uint64_t regions; /* of the first round of this attempt */
+	uint64_t edges;   /* positions that may be corners of triangles that are not settled; 0: nothing is known of them */
 	uint64_t stars;   /* points around which this round tests; 0: it tests all regions */
 	uint64_t far, corner0, corner1,
 		corner2;              /* the greatest error, in thousandths, of triangles that were tested; such a one */
@@ -47,6 +48,8 @@ struct simplify {
 	struct view view, rest; /* without a window; the rules for points that it kept */
 	struct simplify_where at;
 	struct grid *chosen; /* in SIMPLIFY_CHECK */
+	struct grid *strip;  /* in its first round, if that tests no settled triangles: the chosen points near others
+				(simplify_calm.c) */
 	atomic_uchar *done;  /* of each task */
 	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
 	 * 0: SIMPLIFY_SEGMENTS; triangles around the stars of a window; positions of a region with those that it adds. 0: as many
@@ -90,7 +93,7 @@ struct simplify_block {
 int simplify_divide(const struct simplify *, void *memory, struct err *err);
 size_t simplify_divide_bytes(const struct grid *);
 
-/* A file "part-N" for each task: what a few blocks in a row give. */
+/* A file "part-N" for each task: what a few blocks in a row give, by position; info: struct simplify_found. */
 struct simplify_seed {
 	struct point p;
 	uint64_t key; /* as of struct simplify_pick, or one of: */
@@ -98,6 +101,12 @@ struct simplify_seed {
 #define SIMPLIFY_SEED_LINE UINT64_MAX       /* a vertex of a line */
 #define SIMPLIFY_SEED_HULL (UINT64_MAX - 1) /* a corner of the block's hull */
 #define SIMPLIFY_SEED_FLAT (UINT64_MAX - 2) /* a point of a flat view */
+/* In a key of struct simplify_pick: the point is a SIMPLIFY_EDGE, or SIMPLIFY_RING. So are vertices of lines and corners. */
+#define SIMPLIFY_SEED_EDGE (UINT64_C(1) << 62)
+#define SIMPLIFY_SEED_RING (UINT64_C(1) << 61)
+#define SIMPLIFY_SEED_MARKS (SIMPLIFY_SEED_EDGE | SIMPLIFY_SEED_RING)
+/* Whether blocks tell which triangles are settled: not if the error is not known yet, or if triangles of the mesh are dropped. */
+bool simplify_settles(const struct simplify *);
 int simplify_part(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_part_bytes(const struct grid *);
 
@@ -128,6 +137,11 @@ void simplify_stage_abort(struct simplify_stage *);
 /* Writes a manifest of these segments, which have `lines` vertices of lines. */
 int simplify_manifest(const struct simplify *, const char *name, struct grid_segment_info *, size_t n, uint64_t lines,
 		      struct err *err);
+/* The grid whose regions a round tests. */
+static inline const struct grid *simplify_tested(const struct simplify *s)
+{
+	return s->strip ? s->strip : s->chosen;
+}
 /* Opens one. */
 int simplify_grid(const struct simplify *, const char *name, struct grid **ret, struct err *err);
 

@@ -16,12 +16,12 @@ static uint32_t biased(int32_t v)
 	return (uint32_t)v ^ 0x80000000u;
 }
 
-void simplify_raster_init(struct simplify_raster *r, const int32_t box[4])
+void simplify_raster_init(struct simplify_raster *r, const int32_t box[4], uint32_t most)
 {
 	memset(r->row, 0, sizeof r->row);
 	r->shift = 0;
 	for (unsigned k = 0; k < 2; k++)
-		while ((biased(box[2 + k]) >> r->shift) - (biased(box[k]) >> r->shift) >= SIMPLIFY_RASTER)
+		while ((biased(box[2 + k]) >> r->shift) - (biased(box[k]) >> r->shift) >= most)
 			r->shift++;
 	for (unsigned k = 0; k < 2; k++)
 		r->low[k] = biased(box[k]) >> r->shift;
@@ -95,6 +95,39 @@ void simplify_raster_mark(struct simplify_raster *r, const int32_t a[2], const i
 	}
 	for (uint32_t row = low[1]; row <= high[1]; row++)
 		mark(r, row, low[0], high[0]);
+}
+
+/* The square of a coordinate, or the one next to the border that it is beyond. */
+static uint32_t nearest(const struct simplify_raster *r, int32_t at, unsigned axis)
+{
+	uint32_t n = biased(at) >> r->shift;
+
+	return n < r->low[axis] ? 0 : n - r->low[axis] >= SIMPLIFY_RASTER ? SIMPLIFY_RASTER - 1 : n - r->low[axis];
+}
+
+void simplify_raster_square(struct simplify_raster *r, const int32_t box[4])
+{
+	for (uint32_t row = nearest(r, box[1], 1); row <= nearest(r, box[3], 1); row++)
+		mark(r, row, nearest(r, box[0], 0), nearest(r, box[2], 0));
+}
+
+void simplify_raster_line(struct simplify_raster *r, const int32_t a[2], const int32_t b[2])
+{
+	const int32_t *const corner[3] = {a, b, b};
+	uint32_t p = nearest(r, a[1], 1), q = nearest(r, b[1], 1);
+
+	mark_rows(r, corner, p < q ? p : q, p < q ? q : p);
+}
+
+bool simplify_raster_meets(const struct simplify_raster *r, const int32_t box[4])
+{
+	uint32_t from = nearest(r, box[0], 0), to = nearest(r, box[2], 0), last = nearest(r, box[3], 1);
+	uint64_t bits = (UINT64_MAX >> (63 - (to - from))) << from;
+
+	for (uint32_t row = nearest(r, box[1], 1); row <= last; row++)
+		if (r->row[row] & bits)
+			return true;
+	return false;
 }
 
 static int range_order(const void *a, const void *b)

@@ -18,7 +18,7 @@
 #include "geom.h"
 #include "tri_piece.h"
 
-enum { NONE = UINT16_MAX, THOUSAND = 1000, CAVITY = 256 };
+enum { NONE = UINT16_MAX, CAVITY = 256 };
 
 static inline bool is_ghost(const struct tri_triangle *t)
 {
@@ -62,14 +62,40 @@ static void join_corners(const struct simplify_check *c, uint32_t i, bool first,
 	}
 }
 
-/* Marks and lists those with a fresh corner; *ret_box contains them. First those that the region owns; what was added is in these
- * only, so that then all triangles are the region's. */
-static void find_mine(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, bool first,
-		      int32_t ret_box[4])
+static void list(struct simplify_check *c, uint32_t i, int32_t box[4])
+{
+	c->worst[i].tag = NONE;
+	join_corners(c, i, !c->nlist, box);
+	c->list[c->nlist++] = i;
+}
+
+/* Marks and lists those that the region owns, but lists no settled ones; *ret_box contains those in the list. */
+static int find_own(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, int32_t ret_box[4],
+		    struct err *err)
 {
 	struct cut_owner owner;
+	int r = 0;
 
 	cut_owner_init(&owner, region);
+	c->nlist = 0;
+	for (uint32_t i = 0; !r && i < c->tri.ntriangle; i++) {
+		bool mine = !is_ghost(&c->tri.triangle[i]) && is_own(c, k, &owner, i);
+
+		if (mine && simplify_in_strip(c))
+			r = simplify_in_mesh(c, i, &mine, err);
+		c->worst[i].tag = NONE;
+		if (!mine)
+			continue;
+		c->mine[i / 64] |= UINT64_C(1) << i % 64;
+		if (!simplify_is_calm(c, i))
+			list(c, i, ret_box);
+	}
+	return r;
+}
+
+/* Marks and lists those with a fresh corner. What was added is in triangles of the region only, so these are the region's. */
+static void find_fresh(struct simplify_check *c, int32_t ret_box[4])
+{
 	c->nlist = 0;
 	for (uint32_t i = 0; i < c->tri.ntriangle; i++) {
 		bool ghost = is_ghost(&c->tri.triangle[i]);
@@ -78,12 +104,10 @@ static void find_mine(struct simplify_check *c, const struct pipe_kernel *k, con
 			continue;
 		/* The place may be that of a triangle that is gone. */
 		c->mine[i / 64] &= ~(UINT64_C(1) << i % 64);
-		if (ghost || (first && !is_own(c, k, &owner, i)))
+		if (ghost)
 			continue;
 		c->mine[i / 64] |= UINT64_C(1) << i % 64;
-		c->worst[i].tag = NONE;
-		join_corners(c, i, !c->nlist, ret_box);
-		c->list[c->nlist++] = i;
+		list(c, i, ret_box);
 	}
 }
 
@@ -220,17 +244,21 @@ static void find_bad(struct simplify_check *c)
 	c->nlist = once;
 }
 
-/* Tests the triangles with a fresh corner. The farthest points of those in the list then are to be added. */
+/* Tests the triangles that the region owns, or those with a fresh corner. The farthest points of those in the list then are to be
+ * added. */
 static int test_fresh(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, bool first,
 		      struct err *err)
 {
 	int32_t box[4];
-	int r;
+	int r = 0;
 
-	find_mine(c, k, region, first, box);
-	if (!c->nlist)
-		return 0;
-	simplify_raster_init(&c->raster, box);
+	if (first)
+		r = find_own(c, k, region, box, err);
+	else
+		find_fresh(c, box);
+	if (r || !c->nlist)
+		return r;
+	simplify_raster_init(&c->raster, box, SIMPLIFY_RASTER);
 	c->plane_of = UINT32_MAX;
 	c->at = c->list[0];
 	for (uint32_t i = 0; i < c->nlist; i++) {
@@ -323,14 +351,6 @@ static int add_bad(struct simplify_check *c, const struct pipe_kernel *k, struct
 	return r;
 }
 
-void simplify_found_far(struct simplify_found *found, geom_u128 most, geom_i128 area, const uint64_t corner[3])
-{
-	if (most * THOUSAND <= found->far * (geom_u128)area)
-		return;
-	found->far = (uint64_t)((most * THOUSAND + (geom_u128)area - 1) / (geom_u128)area);
-	memcpy(found->corner, corner, sizeof found->corner);
-}
-
 /* The greatest error of the triangles that stay: one from which a point is too far will go. */
 static void measure(struct simplify_check *c)
 {
@@ -348,11 +368,10 @@ static void measure(struct simplify_check *c)
 
 int simplify_region(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
 {
-	int r = 0;
+	int r = simplify_in_strip(c) ? simplify_calm(c, region, err) : 0;
 
 	c->sink.point = add_point;
 	memset(c->mine, 0, (2 * (size_t)c->budget.cap + 63) / 64 * sizeof *c->mine);
-	memset(c->fresh, 0xff, (c->budget.cap + 63) / 64 * sizeof *c->fresh);
 	for (bool first = true; !r; first = false) {
 		uint32_t before = c->tri.nvertex;
 

@@ -8,20 +8,13 @@
 #include "simplify_raster.h"
 #include "tri.h"
 
-/* What a task found, in `info` of its file. */
-struct simplify_found {
-	uint64_t tests;
-	uint64_t far;       /* the greatest error of a triangle that stays, in thousandths, rounded up */
-	uint64_t corner[3]; /* of one that has it: digest_place */
-	uint64_t full;      /* something was not tested, since there was no room */
-};
 _Static_assert(sizeof(struct simplify_found) == SIMPLIFY_INFO * sizeof(uint64_t), "it is the info of a file");
 
 struct simplify_check {
 	const struct simplify *s;
 	struct pipe_budget budget;
 	struct cut_plan plan; /* of the task's region, split as often as necessary */
-	struct simplify_in in;
+	struct simplify_in in, border;
 	struct simplify_out out, edge; /* points that are added; those around which others are to test triangles */
 	struct simplify_sink sink;
 	struct simplify_raster raster;
@@ -30,6 +23,7 @@ struct simplify_check {
 	uint64_t *mine;           /* a bit for each triangle that is tested, or was */
 	uint32_t *list, nlist;    /* the triangles that are tested now */
 	uint64_t *fresh;          /* a bit for each vertex that was added */
+	uint64_t *calm, *keyed;   /* a bit for each vertex that is known not to be in the file "border"; to be in it */
 	struct tri_result tri;
 	uint32_t at; /* the triangle of the last point */
 	uint32_t random;
@@ -44,10 +38,18 @@ static inline bool simplify_bit(const uint64_t *bits, uint32_t i)
 	return bits[i / 64] >> i % 64 & 1;
 }
 
+/* Whether the first round tests no settled triangles, and has only some of the chosen points. */
+static inline bool simplify_in_strip(const struct simplify_check *c)
+{
+	return c->border.fd >= 0;
+}
+/* Of a region in the strip: marks its vertices; whether a triangle of the strip is in the mesh, and may be not settled
+ * (simplify_calm.c). */
+int simplify_calm(struct simplify_check *, const struct cut_region *, struct err *err);
+int simplify_in_mesh(struct simplify_check *, uint32_t triangle, bool *ret, struct err *err);
+bool simplify_is_calm(const struct simplify_check *, uint32_t triangle);
 /* Reads the points in the squares that were marked in the raster. */
 int simplify_check_read(struct simplify_check *, struct err *err);
-/* Notes the error of a triangle that stays. */
-void simplify_found_far(struct simplify_found *, geom_u128 most, geom_i128 area, const uint64_t corner[3]);
 /* Tests the triangles of a region, adds points until none is too far, and notes the greatest error in `found`. */
 int simplify_region(struct simplify_check *, const struct pipe_kernel *, const struct cut_region *, struct err *err);
 /* A task of a later round (simplify_star.c). */

@@ -11,7 +11,7 @@
 #include "simplify_priv.h"
 
 /* Change it when other points are chosen than before: then results by the old rules are not found. */
-static const char RULES[] = "simplify 3";
+static const char RULES[] = "simplify 4";
 static const char REPORT[] = "report";
 static const char HEAD[] = "acut-simplify 1";
 

@@ -1,6 +1,6 @@
 /*
  * From round to round. The points chosen are a grid whose segments are the seeds, and what each round added; more than a few
- * segments become one. The regions are planned once, for the seeds. With max_points an error is an attempt: the seeds for it, and
+ * segments become one. Each round that tests regions plans them. With max_points an error is an attempt: the seeds for it, and
  * rounds until none adds a point, or until there are too many.
  */
 #include "simplify_round.h"
@@ -27,7 +27,7 @@ static int write_plan(const struct simplify *s, const struct cut_plan *plan, str
 
 	if (!out)
 		return err_set(err, ERR_NOMEM, "no memory for a plan");
-	simplify_name(name, "plan", s->at.attempt, 0, 0);
+	simplify_name(name, "plan", s->at.attempt, s->at.round, 0);
 	r = simplify_out_begin(out, s->p.dirfd, name, sizeof plan->leaf->region, err);
 	if (!r) {
 		for (size_t i = 0; !r && i < plan->n; i++)
@@ -42,7 +42,8 @@ static int write_plan(const struct simplify *s, const struct cut_plan *plan, str
 
 static int make_plan(struct simplify *next, struct err *err)
 {
-	size_t reader_bytes = grid_reader_bytes(next->chosen);
+	const struct grid *grid = simplify_tested(next);
+	size_t reader_bytes = grid_reader_bytes(grid);
 	struct grid_reader *reader;
 	struct cut_plan plan = {.ledger = NULL};
 	uint32_t load = next->load ? next->load : SIMPLIFY_REGION;
@@ -51,7 +52,7 @@ static int make_plan(struct simplify *next, struct err *err)
 
 	if (!memory)
 		return err_set(err, ERR_NOMEM, "no memory for a plan");
-	r = grid_reader_new(next->chosen, memory, reader_bytes, &reader, err);
+	r = grid_reader_new(grid, memory, reader_bytes, &reader, err);
 	if (!r) {
 		r = cut_plan_make(reader, load, &plan, err);
 		grid_reader_free(reader);
@@ -83,7 +84,9 @@ static int begin_round(struct simplify *next, struct err *err)
 	int r = simplify_grid(next, chosen_name(next, name), &next->chosen, err);
 
 	next->at.step = SIMPLIFY_CHECK;
-	if (!r && !next->at.round)
+	if (!r && next->at.edges && !next->at.round)
+		r = simplify_grid(next, simplify_name(name, "strip", next->at.attempt, 0, 0), &next->strip, err);
+	if (!r && !next->at.stars)
 		r = make_plan(next, err);
 	if (next->at.stars) {
 		uint64_t tasks = (next->at.stars + STARS - 1) / STARS;
@@ -92,7 +95,9 @@ static int begin_round(struct simplify *next, struct err *err)
 		return r;
 	}
 	next->at.tasks = next->at.regions;
-	next->at.far = next->at.lost = 0;
+	/* Settled triangles are not tested again in the first round. */
+	if (next->at.round || !next->at.edges)
+		next->at.far = next->at.lost = 0;
 	return r;
 }
 
@@ -105,7 +110,7 @@ static int begin_attempt(struct simplify *next, struct err *err)
 	int r;
 
 	simplify_name(name, "seed", next->at.attempt, 0, 0);
-	r = simplify_seed_grid(next, next->at.error, name, &segment, err);
+	r = simplify_seed_grid(next, &next->at, name, &segment, err);
 	if (r)
 		return r;
 	next->at.round = next->at.rounds = next->at.added = next->at.stars = 0;

@@ -10,6 +10,7 @@
 #include "align.h"
 #include "err.h"
 #include "parse.h"
+#include "pipe.h"
 
 enum { READ = 1024, HULL_EACH = 2 * sizeof(struct point) + sizeof(struct simplify_place) + sizeof(uint32_t) };
 
@@ -48,6 +49,7 @@ uint64_t simplify_seeds_error(const uint64_t histogram[SIMPLIFY_BUCKETS], uint64
 
 struct walk {
 	struct simplify_in in;
+	struct simplify_found found; /* the greatest error of all parts that were read */
 	struct simplify_seed seed[READ];
 };
 
@@ -55,12 +57,18 @@ struct walk {
 static int read_part(const struct simplify *s, struct walk *w, uint32_t task,
 		     int (*each)(void *ctx, const struct simplify_seed *, struct err *err), void *ctx, struct err *err)
 {
+	struct simplify_found found;
 	char name[GRID_NAME_MAX];
 	size_t n = 0;
 	int r;
 
 	simplify_name(name, "part", task, 0, 0);
 	r = simplify_in_begin(&w->in, s->p.dirfd, name, sizeof *w->seed, err);
+	if (!r) {
+		memcpy(&found, w->in.info, sizeof found);
+		if (found.far > w->found.far)
+			w->found = found;
+	}
 	do {
 		if (!r)
 			r = simplify_in_read(&w->in, w->seed, READ, &n, err);
@@ -94,6 +102,7 @@ struct hull {
 	uint32_t *corner;
 	size_t n, room;
 	uint64_t lines;
+	bool count; /* for max_points */
 	uint64_t histogram[SIMPLIFY_BUCKETS];
 };
 
@@ -116,7 +125,7 @@ static int hull_seed(void *ctx, const struct simplify_seed *seed, struct err *er
 
 	if (seed->key == SIMPLIFY_SEED_LINE)
 		h->lines++;
-	if (seed->key < SIMPLIFY_SEED_FLAT)
+	if (seed->key < SIMPLIFY_SEED_FLAT && h->count)
 		h->histogram[bucket_of((seed->key >> SIMPLIFY_KEY_SHIFT) + ((seed->key & 65535) != 0))]++;
 	if (seed->key != SIMPLIFY_SEED_HULL)
 		return 0;
@@ -179,6 +188,7 @@ int simplify_seed_hull(const struct simplify *s, struct simplify_where *where, s
 		free(h);
 		return err_set(err, ERR_NOMEM, "no memory for a hull");
 	}
+	h->count = s->p.max_points > 0;
 	h->pts = (struct point *)memory;
 	h->other = h->pts + h->room;
 	h->order = (struct simplify_place *)(h->other + h->room);
@@ -187,6 +197,10 @@ int simplify_seed_hull(const struct simplify *s, struct simplify_where *where, s
 	if (!r) {
 		reduce(h);
 		where->lines = h->lines;
+		where->far = h->walk.found.far;
+		where->corner0 = h->walk.found.corner[0];
+		where->corner1 = h->walk.found.corner[1];
+		where->corner2 = h->walk.found.corner[2];
 		r = write_hull(s, h, &where->hull, err);
 	}
 	if (!r && s->p.max_points)
@@ -213,17 +227,26 @@ int simplify_seed_histogram(const struct simplify *s, uint64_t ret[SIMPLIFY_BUCK
 
 struct seeds {
 	struct walk walk;
-	struct simplify_stage to;
+	struct simplify_stage to, strip;
+	struct simplify_out border;
 	uint64_t key;
+	bool settles;
 };
 
+/* Seeds come in the order of their keys of position. */
 static int take_seed(void *ctx, const struct simplify_seed *seed, struct err *err)
 {
+	uint64_t at = point_morton(seed->p.x, seed->p.y);
 	struct seeds *t = ctx;
+	int r = 0;
 
-	if (seed->key == SIMPLIFY_SEED_HULL || seed->key <= t->key)
-		return 0;
-	return simplify_stage_add(&t->to, &seed->p, err);
+	if (t->settles && seed->key & SIMPLIFY_SEED_EDGE)
+		r = simplify_out_add(&t->border, &at, 1, err);
+	if (r || seed->key == SIMPLIFY_SEED_HULL || (seed->key & ~SIMPLIFY_SEED_MARKS) <= t->key)
+		return r;
+	if (t->settles && seed->key & SIMPLIFY_SEED_MARKS)
+		r = simplify_stage_add(&t->strip, &seed->p, err);
+	return r ? r : simplify_stage_add(&t->to, &seed->p, err);
 }
 
 static int take_hull(const struct simplify *s, struct seeds *t, struct err *err)
@@ -241,29 +264,75 @@ static int take_hull(const struct simplify *s, struct seeds *t, struct err *err)
 	}
 	do {
 		r = simplify_in_read(&in, pts, 64, &n, err);
-		for (size_t i = 0; !r && i < n; i++)
+		for (size_t i = 0; !r && i < n; i++) {
 			r = simplify_stage_add(&t->to, &pts[i], err);
+			if (!r && t->settles)
+				r = simplify_stage_add(&t->strip, &pts[i], err);
+		}
 	} while (!r && n);
 	simplify_in_end(&in);
 	return r;
 }
 
-int simplify_seed_grid(const struct simplify *s, uint64_t error, const char *name, struct grid_segment_info *ret, struct err *err)
+bool simplify_settles(const struct simplify *s)
 {
-	struct seeds *t = malloc(sizeof *t);
-	int r;
+	return !s->p.max_points && !s->at.flat && !pipe_has_out(s->p.grid);
+}
 
-	if (!t)
-		return err_set(err, ERR_NOMEM, "no memory for the points chosen");
-	t->key = error << SIMPLIFY_KEY_SHIFT;
-	r = simplify_stage_begin(&t->to, s, name, true, s->p.memory - sizeof *t, err);
+static int seed_grid(const struct simplify *s, struct seeds *t, const char *name, const char *strip,
+		     struct grid_segment_info *ret, struct grid_segment_info *ret_strip, struct err *err)
+{
+	const size_t memory = s->p.memory - sizeof *t;
+	int r = simplify_stage_begin(&t->to, s, name, true, t->settles ? memory / 2 : memory, err);
+
+	if (!r && t->settles)
+		r = simplify_stage_begin(&t->strip, s, strip, true, memory / 2, err);
 	if (!r)
 		r = read_parts(s, &t->walk, take_seed, t, err);
 	if (!r)
 		r = take_hull(s, t, err);
 	if (!r)
 		r = simplify_stage_end(&t->to, ret, err);
+	if (!r && t->settles)
+		r = simplify_stage_end(&t->strip, ret_strip, err);
 	simplify_stage_abort(&t->to);
+	simplify_stage_abort(&t->strip);
+	return r;
+}
+
+/* The file of keys, and both grids. */
+static int seed_grids(const struct simplify *s, const struct simplify_where *where, struct seeds *t, const char *name,
+		      struct grid_segment_info *ret, struct err *err)
+{
+	struct grid_segment_info strip;
+	char border[GRID_NAME_MAX], segment[GRID_NAME_MAX], manifest[GRID_NAME_MAX];
+	int r = simplify_out_begin(&t->border, s->p.dirfd, simplify_name(border, "border", where->attempt, 0, 0),
+				   sizeof(uint64_t), err);
+
+	if (r)
+		return r;
+	r = seed_grid(s, t, name, simplify_name(segment, "narrow", where->attempt, 0, 0), ret, &strip, err);
+	if (!r)
+		r = simplify_out_end(&t->border, NULL, err);
+	simplify_out_abort(&t->border);
+	return r ? r : simplify_manifest(s, simplify_name(manifest, "strip", where->attempt, 0, 0), &strip, 1, where->lines, err);
+}
+
+int simplify_seed_grid(const struct simplify *s, struct simplify_where *where, const char *name, struct grid_segment_info *ret,
+		       struct err *err)
+{
+	struct seeds *t = calloc(1, sizeof *t);
+	int r;
+
+	if (!t)
+		return err_set(err, ERR_NOMEM, "no memory for the points chosen");
+	t->key = where->error << SIMPLIFY_KEY_SHIFT;
+	t->settles = simplify_settles(s);
+	if (t->settles)
+		r = seed_grids(s, where, t, name, ret, err);
+	else
+		r = seed_grid(s, t, name, NULL, ret, NULL, err);
+	where->edges = t->border.n;
 	free(t);
 	return r;
 }

@@ -11,10 +11,11 @@
 
 #include "err.h"
 #include "order.h"
+#include "simplify_near.h"
 #include "simplify_region.h"
 
 /* A point is compared with all triangles of its window, so these are not many. */
-enum { STARS = 64, CAP = 1 << 15, NODE = 512, ROOM = 1 << 12 };
+enum { STARS = 64, CAP = 1 << 15, NODE = 512, ROOM = 1 << 12, SQUARES = 16 };
 
 struct star_triangle {
 	struct simplify_plane plane;
@@ -32,6 +33,7 @@ struct stars {
 	uint32_t n, room;
 	uint64_t key[STARS];
 	size_t nkey;
+	unsigned bits; /* of keys within a node whose stars share a window */
 };
 
 /* ---- a point ---- */
@@ -76,22 +78,19 @@ static int add_point(void *ctx, const struct point *p, struct err *err)
 
 /* ---- the triangles ---- */
 
-static bool is_star(const struct stars *w, const struct mesh_vertex *v)
+static bool is_star(const struct stars *w, int32_t x, int32_t y)
 {
-	uint64_t key = point_morton(v->x, v->y);
+	uint64_t key = point_morton(x, y);
 
 	return bsearch(&key, w->key, w->nkey, sizeof key, order_u64) != NULL;
 }
 
-static void take(struct star_triangle *t, const struct mesh_vertex *const v[3])
+static void take(struct star_triangle *t, const struct point at[3])
 {
-	struct point at[3];
-
 	memset(t, 0, sizeof *t);
 	for (unsigned k = 0; k < 3; k++) {
-		const int32_t box[4] = {v[k]->x, v[k]->y, v[k]->x, v[k]->y};
+		const int32_t box[4] = {at[k].x, at[k].y, at[k].x, at[k].y};
 
-		at[k] = (struct point){.x = v[k]->x, .y = v[k]->y, .z = v[k]->z};
 		memcpy(t->corner[k], box, sizeof t->corner[k]);
 		if (k)
 			point_box_join(t->box, box);
@@ -101,19 +100,79 @@ static void take(struct star_triangle *t, const struct mesh_vertex *const v[3])
 	simplify_plane_init(&t->plane, &at[0], &at[1], &at[2]);
 }
 
-/* Those with a star as a corner. False: they do not fit. */
-static bool take_all(struct stars *w, const struct mesh_domain *d)
+/* Takes the triangles of stars that are certain. False: they do not fit. */
+static bool take_certain(struct stars *w, const struct simplify_near *near)
 {
-	w->n = 0;
-	for (uint32_t i = 0; i < d->ntriangle; i++) {
-		const struct mesh_vertex *const v[3] = {&d->vertex[d->triangle[i][0]], &d->vertex[d->triangle[i][1]],
-							&d->vertex[d->triangle[i][2]]};
+	const struct tri_result *tri = &near->tri;
+	const uint8_t *kind = near->kind;
 
-		if (!is_star(w, v[0]) && !is_star(w, v[1]) && !is_star(w, v[2]))
+	for (uint32_t i = 0; i < tri->ntriangle; i++) {
+		const uint32_t *v = tri->triangle[i].corner;
+		struct point at[3];
+
+		if (v[0] == TRI_GHOST || v[1] == TRI_GHOST || v[2] == TRI_GHOST ||
+		    (kind[v[0]] != SIMPLIFY_STAR && kind[v[1]] != SIMPLIFY_STAR && kind[v[2]] != SIMPLIFY_STAR))
 			continue;
 		if (w->n == w->room)
 			return false;
-		take(&w->t[w->n++], v);
+		for (unsigned k = 0; k < 3; k++)
+			at[k] = (struct point){.x = tri->xy[v[k]][0], .y = tri->xy[v[k]][1], .z = tri->z[v[k]]};
+		take(&w->t[w->n++], at);
+	}
+	return true;
+}
+
+/* Leaves the stars that were not certain. */
+static void drop_certain(struct stars *w, const struct simplify_near *near)
+{
+	size_t n = 0;
+
+	for (uint32_t i = 0; i < near->tri.nvertex; i++)
+		if (near->kind[i] == (SIMPLIFY_STAR | SIMPLIFY_DOUBTFUL))
+			w->key[n++] = point_morton(near->tri.xy[i][0], near->tri.xy[i][1]);
+	qsort(w->key, n, sizeof *w->key, order_u64);
+	w->nkey = n;
+}
+
+/* Takes those that the chosen points nearby tell, and leaves the other stars. */
+static int take_near(struct stars *w, bool *ret_fits, struct err *err)
+{
+	struct simplify_near near;
+	bool done;
+	int r;
+
+	near.c = w->c;
+	near.key = w->key;
+	near.nkey = w->nkey;
+	near.side = (double)(UINT64_C(1) << w->bits / 2);
+	r = simplify_near(&near, &done, err);
+	if (r || !done)
+		return r;
+	*ret_fits = take_certain(w, &near);
+	drop_certain(w, &near);
+	return 0;
+}
+
+/* ---- from a window ---- */
+
+/* Those with a star as a corner. False: they do not fit. */
+static bool take_domain(struct stars *w, const struct mesh_domain *d)
+{
+	for (uint32_t i = 0; i < d->ntriangle; i++) {
+		struct point at[3];
+		bool star = false;
+
+		for (unsigned k = 0; k < 3; k++) {
+			const struct mesh_vertex *v = &d->vertex[d->triangle[i][k]];
+
+			at[k] = (struct point){.x = v->x, .y = v->y, .z = v->z};
+			star = star || is_star(w, v->x, v->y);
+		}
+		if (!star)
+			continue;
+		if (w->n == w->room)
+			return false;
+		take(&w->t[w->n++], at);
 	}
 	return true;
 }
@@ -139,8 +198,8 @@ static void window_of(const struct stars *w, struct view *ret)
 		ret->window_box[k] = box[k] + ret->k[k & 1];
 }
 
-/* False: it does not fit. */
-static int find_triangles(struct stars *w, bool *ret, struct err *err)
+/* *ret_fits: they all fit. */
+static int take_window(struct stars *w, bool *ret_fits, struct err *err)
 {
 	static const struct cut_region plane = {.wx = 32, .wy = 32};
 	struct simplify_check *c = w->c;
@@ -155,8 +214,28 @@ static int find_triangles(struct stars *w, bool *ret, struct err *err)
 	r = pipe_domain(c->s->chosen, &view, &plane, NULL, &budget, c->domain, &domain, &need, err);
 	if (r == PIPE_E_SPLIT)
 		r = pipe_domain(c->s->chosen, &view, &plane, NULL, &c->budget, c->domain, &domain, &need, err);
-	*ret = !r && take_all(w, &domain);
+	*ret_fits = !r && take_domain(w, &domain);
 	return r == PIPE_E_SPLIT ? 0 : r;
+}
+
+/* *ret_fits: they all fit. The stars stay. */
+static int find_triangles(struct stars *w, bool *ret_fits, struct err *err)
+{
+	uint64_t key[STARS];
+	const size_t n = w->nkey;
+	int r = 0;
+
+	memcpy(key, w->key, sizeof key);
+	w->n = 0;
+	*ret_fits = true;
+	/* Triangles that are out of the mesh are not tested. */
+	if (!pipe_has_out(w->c->s->chosen))
+		r = take_near(w, ret_fits, err);
+	if (!r && *ret_fits && w->nkey)
+		r = take_window(w, ret_fits, err);
+	memcpy(w->key, key, sizeof key);
+	w->nkey = n;
+	return r;
 }
 
 /* ---- their points ---- */
@@ -193,7 +272,7 @@ static int test_all(struct stars *w, struct err *err)
 	memcpy(box, w->t[0].box, sizeof box);
 	for (uint32_t i = 1; i < w->n; i++)
 		point_box_join(box, w->t[i].box);
-	simplify_raster_init(&c->raster, box);
+	simplify_raster_init(&c->raster, box, SQUARES);
 	for (uint32_t i = 0; i < w->n; i++)
 		simplify_raster_mark(&c->raster, w->t[i].corner[0], w->t[i].corner[1], w->t[i].corner[2]);
 	c->nlist = w->n;
@@ -241,7 +320,6 @@ int simplify_stars(struct simplify_check *c, uint32_t task, struct err *err)
 {
 	struct stars w = {.c = c, .t = (struct star_triangle *)(void *)c->worst};
 	const struct simplify_where *at = &c->s->at;
-	unsigned bits = node_bits(c->s->chosen);
 	char name[GRID_NAME_MAX];
 	uint64_t from, to, next = 0;
 	int r = simplify_in_begin(&c->in, c->s->p.dirfd, simplify_name(name, "star", at->attempt, at->round, 0), sizeof *w.key,
@@ -249,6 +327,7 @@ int simplify_stars(struct simplify_check *c, uint32_t task, struct err *err)
 
 	if (r)
 		return r;
+	w.bits = node_bits(c->s->chosen);
 	w.room = c->s->room ? c->s->room : ROOM;
 	c->sink.point = add_point;
 	from = c->in.n * task / at->tasks;
@@ -257,7 +336,7 @@ int simplify_stars(struct simplify_check *c, uint32_t task, struct err *err)
 		w.nkey = to - from < STARS ? (size_t)(to - from) : STARS;
 		r = simplify_in_some(&c->in, w.key, from, w.nkey, err);
 		for (size_t i = 1; !r && i < w.nkey; i++)
-			if ((w.key[i] ^ w.key[0]) >> bits)
+			if ((w.key[i] ^ w.key[0]) >> w.bits)
 				w.nkey = i;
 		next = from + w.nkey;
 		if (!r)
