@@ -134,6 +134,8 @@ static int do_block(struct part *w, const struct simplify_block *b, struct err *
 
 	point_from_morton(b->lo, &clear[0], &clear[1]);
 	point_from_morton(b->hi, &clear[2], &clear[3]);
+	if (w->s->loose)
+		memcpy(clear, (const int32_t[]){INT32_MIN, INT32_MIN, INT32_MAX, INT32_MAX}, sizeof clear);
 	w->n = 0;
 	r = simplify_scan(&w->sink, w->reader, b->lo, b->hi, err);
 	if (!r && lines && w->n)

@@ -58,7 +58,10 @@ struct simplify {
 	/* For tests: how many points regions added around which no later round tests; rounds that tested all regions again; all
 	 * points that regions add count as such, which is wrong. */
 	atomic_uint *settled, *again;
-	bool inward;
+	/* Groups of stars whose triangles were found from points nearby, and those that needed a window, too; all triangles of
+	 * blocks count as settled, which is wrong. */
+	atomic_uint *nearby, *windows;
+	bool inward, loose;
 };
 
 int simplify_report_write(int dirfd, const struct simplify_report *, struct err *err);

@@ -218,6 +218,12 @@ static int take_window(struct stars *w, bool *ret_fits, struct err *err)
 	return r == PIPE_E_SPLIT ? 0 : r;
 }
 
+static void count(atomic_uint *n)
+{
+	if (n)
+		atomic_fetch_add(n, 1);
+}
+
 /* *ret_fits: they all fit. The stars stay. */
 static int find_triangles(struct stars *w, bool *ret_fits, struct err *err)
 {
@@ -231,8 +237,12 @@ static int find_triangles(struct stars *w, bool *ret_fits, struct err *err)
 	/* Triangles that are out of the mesh are not tested. */
 	if (!pipe_has_out(w->c->s->chosen))
 		r = take_near(w, ret_fits, err);
-	if (!r && *ret_fits && w->nkey)
+	if (!r && *ret_fits && !w->nkey)
+		count(w->c->s->nearby);
+	if (!r && *ret_fits && w->nkey) {
+		count(w->c->s->windows);
 		r = take_window(w, ret_fits, err);
+	}
 	memcpy(w->key, key, sizeof key);
 	w->nkey = n;
 	return r;

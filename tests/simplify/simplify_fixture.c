@@ -1,15 +1,26 @@
 #include "simplify_fixture.h"
 
 #include <stdio.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "check.h"
 #include "lineset.h"
 #include "simplify_priv.h"
 
 uint64_t rng;
-atomic_uint fixture_settled, fixture_again;
+atomic_uint fixture_settled, fixture_again, fixture_nearby, fixture_windows, fixture_strips;
+
+void fixture_begin(void)
+{
+	skip_fsync();
+	/* Thousands of small files: on a disk these take most of the time. */
+	if (!access("/dev/shm", W_OK))
+		setenv("TMPDIR", "/dev/shm", 0);
+	fixture_settled = fixture_again = fixture_nearby = fixture_windows = fixture_strips = 0;
+}
 
 uint64_t rnd(uint64_t n)
 {
@@ -68,8 +79,48 @@ static void set_limits(struct simplify *s, const struct how *how)
 	s->room = how->room;
 	s->grow = how->grow;
 	s->inward = how->inward;
+	s->loose = how->loose;
+	s->nearby = &fixture_nearby;
+	s->windows = &fixture_windows;
 	s->settled = how->inward ? NULL : &fixture_settled;
 	s->again = how->inward || how->room || how->grow ? NULL : &fixture_again;
+}
+
+struct worker {
+	pthread_t thread;
+	struct simplify *s;
+	atomic_uint *next;
+	void *memory;
+	int r;
+	struct err err;
+};
+
+static void *work(void *ctx)
+{
+	struct worker *w = ctx;
+	uint32_t i;
+
+	while (!w->r && (i = atomic_fetch_add(w->next, 1)) < simplify_tasks(w->s))
+		w->r = simplify_task(w->s, i, w->memory, &w->err);
+	return NULL;
+}
+
+static void run_threads(struct simplify *s, const struct simplify_params *p, unsigned n)
+{
+	struct worker *w = calloc(n, sizeof *w);
+	atomic_uint next = 0;
+
+	for (unsigned i = 0; i < n; i++) {
+		w[i] = (struct worker){.s = s, .next = &next, .err = ERR_INIT};
+		w[i].memory = aligned_alloc(64, (p->memory + 63) & ~(size_t)63);
+		assert_int_equal(pthread_create(&w[i].thread, NULL, work, &w[i]), 0);
+	}
+	for (unsigned i = 0; i < n; i++) {
+		pthread_join(w[i].thread, NULL);
+		check_ok(w[i].r, &w[i].err, "simplify_task", __FILE__, __LINE__);
+		free(w[i].memory);
+	}
+	free(w);
 }
 
 static void run_tasks(struct simplify **s, const struct simplify_params *p, const struct how *how, void *memory)
@@ -131,8 +182,12 @@ struct folder simplify_in_folder(const struct dataset *d, const struct view *vie
 	CHECK(simplify_open(&p, &s, &err));
 	do {
 		set_limits(s, how);
-		run_tasks(&s, &p, how, memory);
+		if (how->threads)
+			run_threads(s, &p, how->threads);
+		else
+			run_tasks(&s, &p, how, memory);
 		r = simplify_next(s, &err);
+		fixture_strips += !r && s->strip && grid_points(s->strip) < grid_points(s->chosen);
 		if (!r && rnd(100) < how->stop) {
 			simplify_free(s);
 			CHECK(simplify_open(&p, &s, &err));

@@ -38,11 +38,17 @@ struct how {
 	uint32_t load, block, segments, room, grow; /* for struct simplify; 0: as usual */
 	bool shuffle;                               /* tasks in any order */
 	unsigned stop;                              /* it is freed and opened again with this chance in a hundred */
+	unsigned threads;                           /* that do tasks; 0: one */
 	bool inward;                                /* all points that regions add count as theirs alone: wrong */
+	bool loose;                                 /* all triangles of blocks count as settled: wrong */
 	bool no_rounds;                             /* ends with the seeds: `folder` then has the grid of these only */
 };
 /* Of all that were made: points that were added around which no later round tests; rounds that tested all regions again. */
 extern atomic_uint fixture_settled, fixture_again;
+/* Groups of stars whose triangles were found from points nearby, and by windows; first rounds that had not all seeds. */
+extern atomic_uint fixture_nearby, fixture_windows, fixture_strips;
+/* Nothing is synced, and folders are in memory. */
+void fixture_begin(void);
 /* Makes it in a new folder. */
 struct folder simplify_in_folder(const struct dataset *, const struct view *, const struct how *, struct simplify_report *ret);
 /* The result. */

@@ -7,7 +7,7 @@
  *
  * As a control, the seeds alone, without rounds, must not be within the error often; and a mesh without the points of one round
  * neither. As another, each point that a region adds counts as its own, and nothing is tested around it again: then bounds, or
- * the greatest distance, must be wrong now and then.
+ * the greatest distance, must be wrong now and then. As a third, all triangles of blocks count as settled.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -251,6 +251,7 @@ static void run_case(uint64_t seed, bool lines)
 	struct chain_lines line;
 	struct set s;
 	size_t n;
+	bool big;
 	struct dataset d;
 	struct view view;
 	struct how how, other;
@@ -262,7 +263,8 @@ static void run_case(uint64_t seed, bool lines)
 	heights = 1 + (uint32_t)rnd(rnd(2) ? 6 : 60);
 	n = rnd(12) ? 1 + rnd(150) : 1 + rnd(4);
 	/* Enough for regions with an inside. */
-	if (rnd(25) == 0) {
+	big = rnd(25) == 0;
+	if (big) {
 		range = 66;
 		n = 500 + rnd(1500);
 	}
@@ -273,6 +275,11 @@ static void run_case(uint64_t seed, bool lines)
 	d = dataset_of(&s, 1 + (unsigned)rnd(3), lines ? &line : NULL);
 	view = random_view(&d);
 	how = random_how(heights);
+	/* Blocks with settled triangles inside. */
+	if (big && rnd(3)) {
+		how.block = 60 + (uint32_t)rnd(700);
+		how.load = 20 + (uint32_t)rnd(300);
+	}
 	if (rnd(5) == 0)
 		how.max_points = d.reader.grid ? 1 + rnd(grid_points(d.reader.grid)) : 1;
 	if (how.max_points) {
@@ -286,6 +293,8 @@ static void run_case(uint64_t seed, bool lines)
 	other.more = rnd(2) ? 0 : 16 << 20;
 	other.shuffle = true;
 	other.stop = rnd(2) ? 40 : 0;
+	if (rnd(8) == 0)
+		other.threads = 2 + (unsigned)rnd(2);
 	g = simplify_in_folder(&d, &view, &other, &again);
 	assert_true(digest_equal(content_of(&d, &f), content_of(&d, &g)));
 	assert_int_equal(report.rounds, again.rounds);
@@ -305,9 +314,8 @@ static void run_many(uint64_t usual, bool lines)
 {
 	uint64_t n = repeat_cases(usual), first = repeat_first();
 
-	skip_fsync();
+	fixture_begin();
 	cases = kept = positions = rounds = flats = out = controls = wrong = line_vertices = triangles = multi = near = 0;
-	fixture_settled = fixture_again = 0;
 	for (uint64_t i = 0; i < n; i++)
 		run_case(first + i, lines);
 	print_message(
@@ -317,12 +325,15 @@ static void run_many(uint64_t usual, bool lines)
 		(unsigned long long)rounds, (unsigned long long)triangles, (unsigned long long)flats, (unsigned long long)multi,
 		(unsigned long long)line_vertices, (unsigned long long)out, (unsigned long long)wrong,
 		(unsigned long long)controls);
-	print_message("%u points around which nothing is tested again, all regions tested again %u times\n", fixture_settled,
-		      fixture_again);
+	print_message(
+		"%u points around which nothing is tested again, all regions tested again %u times; stars found nearby %u times, by "
+		"windows %u times; %u first rounds of some seeds\n",
+		fixture_settled, fixture_again, fixture_nearby, fixture_windows, fixture_strips);
 	assert_true(n < 100 || (wrong > controls / 20 && rounds && flats && near && kept < positions));
 	assert_true(n < 100 || !lines || (out && line_vertices));
 	/* Most points that regions add are theirs alone; all regions are tested again only if the greatest error is unknown. */
-	assert_true(n < 300 || (fixture_settled && fixture_again));
+	assert_true(n < 300 || (fixture_settled && fixture_again && fixture_windows && fixture_strips));
+	assert_true(n < 300 || lines || fixture_nearby); /* these lines are everywhere */
 	assert_true(n < 300 || fixture_again < rounds);
 }
 
@@ -338,35 +349,96 @@ static void test_lines(void **state)
 	run_many(1000, true);
 }
 
-/* Small regions of many points. In a control all points that regions add count as theirs alone. */
-static void test_seams(void **state)
+/* Some breaklines, and places without. */
+static void few_lines(const struct set *s, struct chain_lines *ret)
 {
-	uint64_t n = repeat_cases(1000) / 8, wrong_seams = 0;
+	size_t most = 1 + rnd(4);
 
-	(void)state;
-	skip_fsync();
-	fixture_settled = 0;
+	chain_lines_make(&rng, s, NULL, ret);
+	ret->n = ret->n < most ? ret->n : most;
+	ret->far = 0;
+	for (size_t i = 0; i < ret->n; i++)
+		ret->piece[i].turns = 0;
+}
+
+/* Many points with these limits: the result is right. Returns in how many of n cases it is wrong with what `spoil` does. */
+static uint64_t run_large(uint64_t n, bool lines, void (*limits)(struct how *), void (*spoil)(struct how *))
+{
+	uint64_t spoiled = 0;
+
+	fixture_begin();
 	for (uint64_t i = 0; i < n; i++) {
 		struct view view = VIEW_INIT;
-		struct how how = {.block = 8};
+		struct chain_lines line = {.nvertex = 0};
+		struct how how = {0};
 		struct set s;
 		struct dataset d;
 
 		rng = repeat_first() + i;
 		s = points_of(900, 66, 60, (unsigned)rnd(8));
-		how.load = 6 + (uint32_t)rnd(30);
-		how.max_error = 1 + (int64_t)rnd(30);
-		d = dataset_of(&s, 1, NULL);
+		limits(&how);
+		if (lines)
+			few_lines(&s, &line);
+		d = dataset_of(&s, 1, line.nvertex ? &line : NULL);
 		view_bind(&view, &grid_manifest(d.reader.grid)->lattice);
 		assert_false(is_wrong(&d, &view, &how));
-		how.inward = true;
-		wrong_seams += is_wrong(&d, &view, &how);
+		spoil(&how);
+		spoiled += is_wrong(&d, &view, &how);
 		dataset_end(&d);
 		set_free(&s);
 	}
+	return spoiled;
+}
+
+static void small_regions(struct how *how)
+{
+	how->block = 8;
+	how->load = 6 + (uint32_t)rnd(30);
+	how->max_error = 1 + (int64_t)rnd(30);
+}
+
+static void all_inward(struct how *how)
+{
+	how->inward = true;
+}
+
+/* Small regions. In a control all points that regions add count as theirs alone. */
+static void test_seams(void **state)
+{
+	uint64_t n = repeat_cases(1000) / 8, spoiled = run_large(n, false, small_regions, all_inward);
+
+	(void)state;
 	print_message("%u points around which nothing is tested again; control: %llu of %llu wrong\n", fixture_settled,
-		      (unsigned long long)wrong_seams, (unsigned long long)n);
-	assert_true(n < 37 || wrong_seams);
+		      (unsigned long long)spoiled, (unsigned long long)n);
+	assert_true(n < 37 || spoiled);
+}
+
+static void large_blocks(struct how *how)
+{
+	how->block = 60 + (uint32_t)rnd(200);
+	how->load = 20 + (uint32_t)rnd(200);
+	how->max_error = 1 + (int64_t)rnd(20);
+}
+
+static void all_settled(struct how *how)
+{
+	how->loose = true;
+}
+
+/* Blocks with settled triangles. In a control all of their triangles count as such. */
+static void test_strips(void **state)
+{
+	(void)state;
+	for (unsigned lines = 0; lines < 2; lines++) {
+		uint64_t n = repeat_cases(1000) / 16, spoiled = run_large(n, lines, large_blocks, all_settled);
+
+		print_message(
+			"%s%u first rounds of some seeds, stars found nearby %u times, by windows %u times; control: %llu of %llu "
+			"wrong\n",
+			lines ? "lines: " : "", fixture_strips, fixture_nearby, fixture_windows, (unsigned long long)spoiled,
+			(unsigned long long)n);
+		assert_true(n < 18 || (spoiled && fixture_strips >= n / 2 && fixture_nearby && fixture_windows));
+	}
 }
 
 int main(void)
@@ -375,6 +447,7 @@ int main(void)
 		cmocka_unit_test(test_points),
 		cmocka_unit_test(test_lines),
 		cmocka_unit_test(test_seams),
+		cmocka_unit_test(test_strips),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
