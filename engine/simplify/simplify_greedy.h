@@ -41,7 +41,8 @@ struct simplify_greedy {
 	uint64_t least; /* it ends when no key is greater */
 	bool rough;     /* the base has more points, where the ground is rough for an error of this key */
 	unsigned step;  /* 0: as usual; the greater, the nearer to strictly greedy insertion, and the slower */
-	/* A box in which no other points of the view are (min x, min y, max x, max y). NULL: what is settled is not asked. */
+	/* A box in which no other points of the view are (min x, min y, max x, max y). NULL: what is settled is not asked;
+	 * else `least` is that of a whole error. */
 	const int32_t *clear;
 	const struct simplify_raster *pieces; /* squares that pieces of lines meet; NULL: there are no pieces */
 	/* results, in the memory */

@@ -1,7 +1,8 @@
 /*
  * Greedy insertion into one block, in ranges from a few positions to the whole lattice: the hull is that of brute force; what is
  * inserted leaves no point whose key is greater; what is inserted is the farthest point of its triangle then, no nearer than
- * its key. Planes against determinants of 128 bits.
+ * its key. Triangles around a point without an edge are settled: no position beyond the box is in their circles, no corner is
+ * dropped, and no point is too far. Planes against determinants of 128 bits.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -20,7 +21,7 @@
 
 enum { MOST = 120 };
 
-static uint64_t rng, picks, wide, bases, opens, roughs;
+static uint64_t rng, picks, wide, bases, opens, roughs, calm, edges;
 
 static uint64_t rnd(uint64_t n)
 {
@@ -113,10 +114,67 @@ static int key_in(const struct tri_result *r, const uint32_t c[3], const struct 
 	return in;
 }
 
+/* |N| of a point in a triangle. */
+static __int128 far_in(const struct tri_result *r, const uint32_t c[3], const struct point *p)
+{
+	const int32_t at[2] = {p->x, p->y};
+	__int128 sum = 0;
+
+	for (unsigned k = 0; k < 3; k++)
+		sum += geom_area(r->xy[c[(k + 1) % 3]], r->xy[c[(k + 2) % 3]], at) * ((int64_t)r->z[c[k]] - p->z);
+	return sum < 0 ? -sum : sum;
+}
+
+/* A position beyond the box, near it. */
+static void beyond(const int32_t box[4], int32_t ret[2])
+{
+	unsigned side = (unsigned)rnd(4);
+
+	for (unsigned k = 0; k < 2; k++)
+		ret[k] = (int32_t)(box[k] + (int64_t)rnd((uint64_t)((int64_t)box[2 + k] - box[k]) + 1));
+	if (side < 2 && box[side] > INT32_MIN)
+		ret[side] = box[side] - 1;
+	else if (side >= 2 && box[side] < INT32_MAX)
+		ret[side - 2] = box[side] + 1;
+}
+
+static bool is_beyond(const int32_t box[4], const int32_t at[2])
+{
+	return at[0] < box[0] || at[1] < box[1] || at[0] > box[2] || at[1] > box[3];
+}
+
+/* Of a triangle with a corner that is no edge. `point`: of each vertex. */
+static void check_settled(const struct simplify_greedy *g, const struct tri_result *r, const uint32_t c[3], const uint32_t *point)
+{
+	const __int128 error = (__int128)(g->least >> SIMPLIFY_KEY_SHIFT);
+
+	for (unsigned k = 0; k < 20; k++) {
+		int32_t at[2];
+
+		beyond(g->clear, at);
+		if (is_beyond(g->clear, at))
+			assert_true(geom_incircle(r->xy[c[0]], r->xy[c[1]], r->xy[c[2]], at) < 0);
+	}
+	for (unsigned k = 0; k < 3; k++)
+		for (uint32_t i = 0; i < g->nhull; i++)
+			assert_true(point[r->id[c[k]]] != g->hull[i] || (g->pts[g->hull[i]].tag & POINT_LINE));
+	for (uint32_t i = 0; i < g->n; i++) {
+		uint64_t key;
+		int in = key_in(r, c, &g->pts[i], &key);
+
+		if (in)
+			assert_true(far_in(r, c, &g->pts[i]) <= error * geom_area(r->xy[c[0]], r->xy[c[1]], r->xy[c[2]]));
+		/* On a side it may be the other triangle's, which is tested. */
+		if (in == INSIDE)
+			assert_true(g->found.far * 65536 >= (unsigned __int128)key * 1000);
+	}
+}
+
 /* Of the triangulation of the base and what was inserted. */
 static void check_surface(const struct simplify_greedy *g)
 {
 	bool in[MOST] = {false};
+	uint32_t point[MOST];
 	struct mesh_vertex v[MOST];
 	struct tri_result r;
 	struct tri *t;
@@ -132,11 +190,29 @@ static void check_surface(const struct simplify_greedy *g)
 		assert_true(g->pick[i].key > g->least);
 	}
 	for (uint32_t i = 0; i < g->n; i++)
-		if (in[i])
+		if (in[i]) {
+			point[n] = i;
 			v[n++] = (struct mesh_vertex){g->pts[i].x, g->pts[i].y, g->pts[i].z};
+		}
 	t = check_tri(v, n);
 	assert_non_null(t);
 	tri_result(t, &r);
+	for (uint32_t k = 0; g->clear && k < r.ntriangle; k++) {
+		const uint32_t *c = r.triangle[k].corner;
+		bool some = true;
+
+		for (unsigned i = 0; some && i < 3; i++)
+			some = c[i] != TRI_GHOST;
+		if (!some)
+			continue;
+		for (unsigned i = 0; i < 3; i++)
+			some = some && g->corner[point[r.id[c[i]]]] & SIMPLIFY_EDGE;
+		if (!some)
+			check_settled(g, &r, c, point);
+		calm += !some;
+		edges += some;
+	}
+	assert_true(g->found.far <= 1000 * (g->least >> SIMPLIFY_KEY_SHIFT));
 	for (uint32_t i = 0; i < g->n; i++)
 		for (uint32_t k = 0; k < r.ntriangle; k++) {
 			const uint32_t *c = r.triangle[k].corner;
@@ -203,17 +279,42 @@ static void check_picks(const struct simplify_greedy *g)
 		check_pick(g, i + (uint32_t)rnd(g->npick - i));
 }
 
+/* The box of the points, or a larger one. */
+static const int32_t *clear_box(const struct point *pts, uint32_t n, uint64_t range, int32_t box[4])
+{
+	for (uint32_t i = 0; i < n; i++) {
+		const int32_t at[4] = {pts[i].x, pts[i].y, pts[i].x, pts[i].y};
+
+		if (i)
+			point_box_join(box, at);
+		else
+			memcpy(box, at, sizeof at);
+	}
+	for (unsigned k = 0; k < 4; k++) {
+		int64_t by = (int64_t)rnd(range), to = box[k] + (k < 2 ? -by : by);
+
+		if (to >= INT32_MIN && to <= INT32_MAX)
+			box[k] = (int32_t)to;
+	}
+	return box;
+}
+
 static void run_case(void *memory)
 {
 	static const uint64_t range[] = {3, 6, 20, 1000, 1 << 20, UINT64_C(1) << 31, UINT64_C(1) << 32};
 	uint64_t r = range[rnd(7)], heights = range[rnd(7)];
 	struct point pts[MOST];
+	int32_t box[4];
 	struct simplify_greedy g = {.pts = pts};
 
 	g.n = make(pts, r, heights);
 	g.least = rnd(2) ? 0 : rnd(heights << SIMPLIFY_KEY_SHIFT);
 	g.rough = rnd(2);
 	g.step = rnd(2) ? 0 : 1 + (unsigned)rnd(100);
+	if (rnd(2)) {
+		g.least = g.least >> SIMPLIFY_KEY_SHIFT << SIMPLIFY_KEY_SHIFT;
+		g.clear = clear_box(pts, g.n, r, box);
+	}
 	simplify_greedy_run(&g, memory);
 	check_hull(&g);
 	if (g.nhull < 3) {
@@ -241,10 +342,36 @@ static void test_blocks(void **state)
 	}
 	free(memory);
 	print_message(
-		"%llu blocks, %llu points inserted, %llu left out, %llu vertices of lines, %llu wide blocks, %llu points for rough ground\n",
+		"%llu blocks, %llu points inserted, %llu left out, %llu vertices of lines, %llu wide blocks, %llu points for rough "
+		"ground; %llu settled triangles, %llu others\n",
 		(unsigned long long)n, (unsigned long long)picks, (unsigned long long)opens, (unsigned long long)bases,
-		(unsigned long long)wide, (unsigned long long)roughs);
-	assert_true(n < 100 || (picks && opens && bases && wide && roughs));
+		(unsigned long long)wide, (unsigned long long)roughs, (unsigned long long)calm, (unsigned long long)edges);
+	assert_true(n < 100 || (picks && opens && bases && wide && roughs && calm && edges));
+}
+
+/* A point that is too far by less than the step of keys is not inserted, and its triangle is not settled. */
+static void test_step_of_keys(void **state)
+{
+	static const struct point all[] = {{.x = -(1 << 20), .y = -(1 << 20)}, {.x = 1 << 20, .y = -(1 << 20)},
+					   {.x = 1 << 20, .y = 1 << 20},       {.x = -(1 << 20), .y = 1 << 20},
+					   {.x = 0, .y = 0, .z = 1000},        {.x = 100000, .y = 0, .z = 1000},
+					   {.x = 0, .y = 100000, .z = 1001},   {.x = 300, .y = 1, .z = 990}};
+	static const int32_t plane[4] = {INT32_MIN, INT32_MIN, INT32_MAX, INT32_MAX};
+	void *memory = aligned_alloc(64, (simplify_greedy_bytes(8) + 63) & ~(size_t)63);
+	struct point pts[8];
+
+	(void)state;
+	memcpy(pts, all, sizeof pts);
+	qsort(pts, 8, sizeof *pts, by_order);
+	for (unsigned beyond_by = 0; beyond_by < 2; beyond_by++) {
+		struct simplify_greedy g = {
+			.pts = pts, .n = 8, .least = (uint64_t)(11 - beyond_by) << SIMPLIFY_KEY_SHIFT, .clear = plane};
+
+		simplify_greedy_run(&g, memory);
+		assert_int_equal(g.npick, 3);
+		assert_int_equal(g.found.far, beyond_by ? 0 : 10001);
+	}
+	free(memory);
 }
 
 /* A circle: one insertion whose fan has hundreds of triangles. */
@@ -323,6 +450,7 @@ int main(void)
 		cmocka_unit_test(test_planes),
 		cmocka_unit_test(test_blocks),
 		cmocka_unit_test(test_wide_fan),
+		cmocka_unit_test(test_step_of_keys),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

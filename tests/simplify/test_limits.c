@@ -236,54 +236,9 @@ static void damage(const struct folder *f, const char *name, enum damage how)
 	close(fd);
 }
 
-/* A damaged file of a task is made again. */
-static void check_torn(enum damage how)
-{
-	struct dataset d = dataset(3000, 300, 40);
-	struct folder f = folder_new(), g;
-	struct simplify_params p = params_of(&d, &f);
-	void *memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
-	struct how usual = {.max_error = p.max_error};
-	struct simplify_report report;
-	struct err err = ERR_INIT;
-	struct simplify *s;
-	int r;
-
-	CHECK(simplify_open(&p, &s, &err));
-	CHECK(tasks(s, memory, &err));
-	CHECK(simplify_next(s, &err));
-	CHECK(tasks(s, memory, &err));
-	damage(&f, "part-0-0-0", how);
-	assert_int_equal(simplify_next(s, &err), -ERR_CORRUPT);
-	assert_false(simplify_task_done(s, 0));
-	err_clear(&err);
-	do {
-		CHECK(tasks(s, memory, &err));
-		r = simplify_next(s, &err);
-	} while (!r);
-	assert_int_equal(r, SIMPLIFY_E_DONE);
-	simplify_free(s);
-	g = simplify_in_folder(&d, &view, &usual, &report);
-	struct reader a = simplify_reader(&d, &f, SIMPLIFY_MANIFEST), b = simplify_reader(&d, &g, SIMPLIFY_MANIFEST);
-
-	assert_true(digest_equal(grid_content(a.grid), grid_content(b.grid)));
-	reader_close(&a);
-	reader_close(&b);
-	/* It is complete, and stays so. */
-	CHECK(simplify_open(&p, &s, &err));
-	assert_int_equal(simplify_tasks(s), 0);
-	assert_int_equal(simplify_next(s, &err), SIMPLIFY_E_DONE);
-	simplify_free(s);
-	damage(&f, "report", how);
-	assert_int_equal(simplify_open(&p, &s, &err), -ERR_CORRUPT);
-	free(memory);
-	folder_remove(&f);
-	folder_remove(&g);
-	dataset_end(&d);
-}
-
-/* Begins one with small regions, and does the rounds up to this one; *ret_memory: of tasks. */
-static struct simplify *begin_small(const struct simplify_params *p, uint64_t round, void **ret_memory)
+/* Begins one with small blocks and regions, and does the rounds up to this one, or the steps up to this one; *ret_memory: of
+ * tasks. */
+static struct simplify *begin_small(const struct simplify_params *p, enum simplify_step step, uint64_t round, void **ret_memory)
 {
 	struct err err = ERR_INIT;
 	struct simplify *s;
@@ -292,57 +247,72 @@ static struct simplify *begin_small(const struct simplify_params *p, uint64_t ro
 	CHECK(simplify_open(p, &s, &err));
 	s->load = 100;
 	s->block = 200;
-	while (s->at.step != SIMPLIFY_CHECK || s->at.round < round) {
+	while (s->at.step < step || s->at.round < round) {
 		CHECK(tasks(s, *ret_memory, &err));
 		CHECK(simplify_next(s, &err));
 	}
 	return s;
 }
 
-/* So is one with two files. */
-static void check_torn_edge(enum damage how)
+/* To the end, which is that of one without damage. */
+static void finish_small(struct simplify *s, void *memory, const struct dataset *d, const struct folder *f)
 {
-	struct dataset d = dataset(3000, 300, 40);
-	struct folder f = folder_new(), g;
-	struct simplify_params p = params_of(&d, &f);
-	struct how usual = {.max_error = p.max_error, .load = 100, .block = 200};
+	struct how usual = {.max_error = 3, .load = 100, .block = 200};
 	struct simplify_report report;
 	struct err err = ERR_INIT;
-	void *memory;
-	struct simplify *s = begin_small(&p, 0, &memory);
+	struct folder g;
 	int r;
 
-	CHECK(tasks(s, memory, &err));
-	damage(&f, "edge-0-0-2", how);
-	assert_int_equal(simplify_next(s, &err), -ERR_CORRUPT);
-	assert_true(simplify_task_done(s, 1));
-	assert_false(simplify_task_done(s, 2));
-	err_clear(&err);
 	do {
 		CHECK(tasks(s, memory, &err));
 		r = simplify_next(s, &err);
 	} while (!r);
 	assert_int_equal(r, SIMPLIFY_E_DONE);
-	simplify_free(s);
-	g = simplify_in_folder(&d, &view, &usual, &report);
-	struct reader a = simplify_reader(&d, &f, SIMPLIFY_MANIFEST), b = simplify_reader(&d, &g, SIMPLIFY_MANIFEST);
+	g = simplify_in_folder(d, &view, &usual, &report);
+	struct reader a = simplify_reader(d, f, SIMPLIFY_MANIFEST), b = simplify_reader(d, &g, SIMPLIFY_MANIFEST);
 
 	assert_true(digest_equal(grid_content(a.grid), grid_content(b.grid)));
 	reader_close(&a);
 	reader_close(&b);
+	folder_remove(&g);
+}
+
+/* A damaged file of task 2 is made again. A complete folder stays so, unless its report is damaged. */
+static void check_torn(enum simplify_step step, const char *file, enum damage how)
+{
+	struct dataset d = dataset(3000, 300, 40);
+	struct folder f = folder_new();
+	struct simplify_params p = params_of(&d, &f);
+	struct err err = ERR_INIT;
+	void *memory;
+	struct simplify *s = begin_small(&p, step, 0, &memory);
+
+	CHECK(tasks(s, memory, &err));
+	damage(&f, file, how);
+	assert_int_equal(simplify_next(s, &err), -ERR_CORRUPT);
+	assert_true(simplify_task_done(s, 1));
+	assert_false(simplify_task_done(s, 2));
+	err_clear(&err);
+	finish_small(s, memory, &d, &f);
+	simplify_free(s);
+	CHECK(simplify_open(&p, &s, &err));
+	assert_int_equal(simplify_tasks(s), 0);
+	assert_int_equal(simplify_next(s, &err), SIMPLIFY_E_DONE);
+	simplify_free(s);
+	damage(&f, "report", how);
+	assert_int_equal(simplify_open(&p, &s, &err), -ERR_CORRUPT);
 	free(memory);
 	folder_remove(&f);
-	folder_remove(&g);
 	dataset_end(&d);
 }
 
 static void test_torn(void **state)
 {
 	(void)state;
-	for (unsigned how = 0; how < DAMAGES; how++)
-		check_torn((enum damage)how);
-	for (unsigned how = 0; how < DAMAGES; how++)
-		check_torn_edge((enum damage)how);
+	for (unsigned how = 0; how < DAMAGES; how++) {
+		check_torn(SIMPLIFY_BLOCKS, "part-2-0-0", (enum damage)how);
+		check_torn(SIMPLIFY_CHECK, "edge-0-0-2", (enum damage)how);
+	}
 }
 
 /* A round around stars, and what an earlier version left: neither is continued if its file is not as it should be. */
@@ -353,7 +323,7 @@ static void test_stars_continued(void **state)
 	struct simplify_params p = params_of(&d, &f);
 	struct err err = ERR_INIT;
 	void *memory;
-	struct simplify *s = begin_small(&p, 1, &memory);
+	struct simplify *s = begin_small(&p, SIMPLIFY_CHECK, 1, &memory);
 	int fd;
 
 	(void)state;
@@ -380,27 +350,24 @@ static void test_stars_continued(void **state)
 /* Files that tasks read in part: damage behind their heads is found when the folder is opened again. */
 static void test_continued(void **state)
 {
+	static const struct {
+		enum simplify_step step;
+		const char *file;
+	} cases[] = {{SIMPLIFY_BLOCKS, "blocks"}, {SIMPLIFY_CHECK, "plan-0-0-0"}, {SIMPLIFY_CHECK, "border-0-0-0"}};
 	struct dataset d = dataset(3000, 300, 40);
-	struct simplify_params p;
 	struct err err = ERR_INIT;
 
 	(void)state;
-	for (unsigned steps = 1; steps <= 2; steps++) {
+	for (unsigned i = 0; i < sizeof cases / sizeof *cases; i++) {
 		struct folder f = folder_new();
+		struct simplify_params p = params_of(&d, &f);
 		void *memory;
-		struct simplify *s;
+		struct simplify *s = begin_small(&p, cases[i].step, 0, &memory);
 
-		p = params_of(&d, &f);
-		memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
-		CHECK(simplify_open(&p, &s, &err));
-		for (unsigned i = 0; i < steps; i++) {
-			CHECK(tasks(s, memory, &err));
-			CHECK(simplify_next(s, &err));
-		}
 		simplify_free(s);
 		CHECK(simplify_open(&p, &s, &err));
 		simplify_free(s);
-		damage(&f, steps == 1 ? "blocks" : "plan-0-0-0", FLIPPED);
+		damage(&f, cases[i].file, FLIPPED);
 		assert_int_equal(simplify_open(&p, &s, &err), -ERR_CORRUPT);
 		err_clear(&err);
 		free(memory);
@@ -479,7 +446,7 @@ int main(void)
 		cmocka_unit_test(test_many),      cmocka_unit_test(test_stars_continued),
 	};
 
-	skip_fsync();
+	fixture_begin();
 	rng = 7;
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
