@@ -3,6 +3,7 @@
 A result line has seven words: NAME VALUE UNIT RATIO N MIN MAX. VALUE is the median of N measurements, MIN and MAX their range,
 RATIO the ratio to a peer or predecessor, - if there is none. Lines that begin with # are comments.
 """
+import contextlib
 import json
 import os
 import shutil
@@ -389,6 +390,68 @@ class Piped:
         self.cpu = proc_cpu(daemon.pid) - cpu
         self.hwm = proc_hwm(daemon.pid)
         self.wall = self.client.wall
+
+
+# ---- views beside each other ----
+
+def threads_cpu(pid):
+    """Seconds so far, of all threads, finer than a tick."""
+    total = 0
+    for thread in os.listdir("/proc/%d/task" % pid):
+        with open("/proc/%d/task/%s/schedstat" % (pid, thread)) as f:
+            total += int(f.read().split()[0])
+    return total / 1e9
+
+
+class Meshes:
+    """One dataset in one view, and what its meshes cost; `refused` is why there is none."""
+
+    def __init__(self, d, name, title, view):
+        self.d, self.name, self.title, self.view, self.cpu, self.ratios = d, name, title, view, [], []
+
+    def run(self, base=None, may_refuse=False):
+        """Another mesh, without what was kept of earlier ones. `base`: the seconds of what it is compared with."""
+        self.d.ctl("cache", "gc", "--all").ok()
+        before = threads_cpu(self.d.pid)
+        ended = self.d.ctl("submit", self.name, "--wait", "--new", "--json", "--no-progress", *self.view)
+        self.report = json.loads(ended.out.splitlines()[-1])
+        self.refused = (self.report.get("error") or {}).get("message")
+        if not (self.refused and may_refuse):
+            ended.ok()
+        self.cpu.append(threads_cpu(self.d.pid) - before)
+        if base:
+            self.ratios.append(self.cpu[-1] / base)
+        return self.cpu[-1]
+
+    def ratio(self):
+        return statistics.median(self.ratios)
+
+    def fetch(self, path, *verify):
+        """Writes the last mesh, and checks it by acut-verify with these arguments, the files of points last."""
+        self.d.ctl("fetch", self.report["job"], "-o", path).ok()
+        view = self.d.json("show", self.report["job"])["view"]
+        run(self.d.tools.path("tools/acut-verify"), "--quiet", "--view", view, *verify[:-1], path, verify[-1]).ok()
+
+
+def daemon_arguments(parser, memory, runs, note=""):
+    parser.add_argument("--memory", default=memory, help="of acutd%s (%s)" % (note, memory))
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--runs", type=int, default=runs)
+    parser.add_argument("--acutd", help="measure this one, in place of that of the build")
+    parser.add_argument("--work", default="/tmp", help="where folders are made (/tmp)")
+    parser.add_argument("--keep", action="store_true", help="keep the table in bench/results/ (or --results)")
+    parser.add_argument("--results", default=os.path.join(HERE, "results"), help="where --keep writes")
+
+
+@contextlib.contextmanager
+def one_daemon(args, words):
+    """A daemon as daemon_arguments say: itself, a folder, and a table that begins with the machine and these words."""
+    tools, table = Tools(args.build), Table()
+    tools.acutd = args.acutd or tools.acutd
+    table.words(machine(args.build, args.work))
+    table.words("%s, memory %s, %d thread(s)" % (words, args.memory, args.threads))
+    with Folder(args.work) as folder, Daemon(tools, folder, memory=args.memory, threads=args.threads) as d:
+        yield d, folder, table
 
 
 def main(body):

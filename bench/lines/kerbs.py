@@ -10,7 +10,6 @@ each without what was kept of earlier ones; a ratio is the median of the ratios 
 with its lines.
 """
 import argparse
-import json
 import os
 import statistics
 import struct
@@ -18,7 +17,7 @@ import sys
 
 sys.path.insert(0, os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 import acutbench
-from acutbench import Daemon, Failed, Folder, run
+from acutbench import Failed, Meshes, daemon_arguments, one_daemon
 
 SPACINGS = (0.5, 1, 5, 20, None)  # metres; None: one segment
 APART = 0.15
@@ -67,39 +66,10 @@ def read_ply(path):
     return vertex, {frozenset((at[f[1]], at[f[2]], at[f[3]])) for f in face.iter_unpack(body[24 * n:24 * n + face.size * m])}
 
 
-def cpu(pid):
-    """Seconds so far, of all threads, finer than a tick."""
-    total = 0
-    for thread in os.listdir("/proc/%d/task" % pid):
-        with open("/proc/%d/task/%s/schedstat" % (pid, thread)) as f:
-            total += int(f.read().split()[0])
-    return total / 1e9
-
-
-class Mesh:
-    """One dataset, and what its meshes cost. A segment that the memory does not carry is refused."""
-
-    def __init__(self, d, name, view):
-        self.d, self.name, self.view, self.cpu = d, name, view, []
-
-    def run(self):
-        self.d.ctl("cache", "gc", "--all").ok()
-        before = cpu(self.d.pid)
-        ended = self.d.ctl("submit", self.name, "--wait", "--new", "--json", "--no-progress", *self.view)
-        self.report = json.loads(ended.out.splitlines()[-1])
-        self.refused = (self.report.get("error") or {}).get("message")
-        if not self.refused:
-            ended.ok()
-        self.cpu.append(cpu(self.d.pid) - before)
-        return self.cpu[-1]
-
-
 def check(d, mesh, folder, lines, file):
     """Triangles of the mesh that are not in D."""
     path, flat = os.path.join(folder, "m.ply"), os.path.join(folder, "m.xyz")
-    d.ctl("fetch", mesh.report["job"], "-o", path).ok()
-    view = d.json("show", mesh.report["job"])["view"]
-    run(d.tools.path("tools/acut-verify"), "--quiet", "--view", view, *lines, path, file).ok()
+    mesh.fetch(path, *lines, file)
     vertex, have = read_ply(path)
     with open(flat, "w") as f:
         f.writelines("%.3f %.3f %.3f\n" % v for v in vertex)
@@ -119,37 +89,27 @@ def body():
     p.add_argument("file", help="points in metres, on a lattice of 0.001 or coarser")
     p.add_argument("--class", dest="classes", default="2", help="of the points (2)")
     p.add_argument("--lanes", type=int, default=3, help="pairs of lines (3)")
-    p.add_argument("--memory", default="24M", help="of acutd: regions are small with little (24M)")
-    p.add_argument("--threads", type=int, default=1)
-    p.add_argument("--runs", type=int, default=5)
-    p.add_argument("--acutd", help="measure this one, in place of that of the build")
-    p.add_argument("--work", default="/tmp", help="where folders are made (/tmp)")
-    p.add_argument("--keep", action="store_true", help="keep the table in bench/results/ (or --results)")
-    p.add_argument("--results", default=os.path.join(acutbench.HERE, "results"), help="where --keep writes")
+    daemon_arguments(p, "24M", 5, ": regions are small with little")
     args = p.parse_args()
-    tools, table, view = acutbench.Tools(args.build), acutbench.Table(), ["--class", args.classes]
-    tools.acutd = args.acutd or tools.acutd
-    table.words(acutbench.machine(args.build, args.work))
-    table.words("%s, class %s, memory %s, %d thread(s)" % (os.path.basename(args.file), args.classes, args.memory, args.threads))
-    with Folder(args.work) as folder, Daemon(tools, folder, memory=args.memory, threads=args.threads) as d:
+    view = ["--class", args.classes]
+    with one_daemon(args, "%s, class %s" % (os.path.basename(args.file), args.classes)) as (d, folder, table):
         info = d.json("info", args.file)
         box = info["min"] + info["max"]
         system = ["--assume-crs", info["crs"]] if info["crs"] else []
         system += ["--assume-units", "m,m"] if info["units"]["xy"] else []
         d.ctl("push", "plain", args.file).ok()
-        plain, meshes = Mesh(d, "plain", view), []
+        plain, meshes = Meshes(d, "plain", "plain", view), []
         for spacing in SPACINGS:
             path = os.path.join(folder, "kerbs-%s.csv" % spacing)
-            m = Mesh(d, "kerbs-%s" % spacing, view)
-            m.path, m.vertices, m.ratios = path, write_lines(path, box, spacing, args.lanes), []
-            m.title = "segment" if spacing is None else "%gm" % spacing
+            m = Meshes(d, "kerbs-%s" % spacing, "segment" if spacing is None else "%gm" % spacing, view)
+            m.path, m.vertices = path, write_lines(path, box, spacing, args.lanes)
             d.ctl("push", m.name, args.file).ok()
             m.lines = d.json("push", m.name, path, "--lines-as", "hard", *system)["line_set"]
             meshes.append(m)
         for _ in range(args.runs):
             base = plain.run()
             for m in meshes:
-                m.ratios.append(m.run() / base)
+                m.run(base, may_refuse=True)  # the memory may not carry a segment
         r = plain.report
         table.words("plain: %d triangles of %d points in %d domains, %d records and %d cells read" % (
             r["triangles"], r["used"], r["domains"], r["points_read"], r["cells_read"]))
@@ -162,7 +122,7 @@ def body():
             new, r0, r1 = check(d, m, folder, ["--breaklines", m.path], args.file), plain.report, m.report
             table.words("%s: %d line vertices, %d edges, %d triangles in %d domains" % (
                 m.title, m.vertices, m.lines["edges"], r1["triangles"], r1["domains"]))
-            table.add(m.title + " cpu", m.cpu, "s", statistics.median(m.ratios))
+            table.add(m.title + " cpu", m.cpu, "s", m.ratio())
             table.add(m.title + " triangles not in D", 100 * new / r1["triangles"], "%")
             for what in ("points_read", "cells_read", "halo"):
                 table.add("%s %s beyond plain" % (m.title, what), r1[what] - r0[what], "1", r1[what] / r0[what])

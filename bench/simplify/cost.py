@@ -9,26 +9,15 @@ whole job, as a ratio to the plain mesh of the same dataset: the base of the vie
 Runs take turns, plain mesh first, each without what was kept of earlier ones; a ratio is the median of the ratios of the runs.
 """
 import argparse
-import json
 import math
 import os
-import statistics
 import sys
 
 sys.path.insert(0, os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 import acutbench
-from acutbench import Daemon, Failed, Folder, run
+from acutbench import Meshes, daemon_arguments, one_daemon, run
 
 LINES = 6
-
-
-def cpu(pid):
-    """Seconds so far, of all threads, finer than a tick."""
-    total = 0
-    for thread in os.listdir("/proc/%d/task" % pid):
-        with open("/proc/%d/task/%s/schedstat" % (pid, thread)) as f:
-            total += int(f.read().split()[0])
-    return total / 1e9
 
 
 def write_lines(path, info, vertices):
@@ -44,31 +33,6 @@ def write_lines(path, info, vertices):
                 f.write("%.2f,%.2f,%.2f,%d\n" % (x, y, (low[2] + high[2]) / 2, line))
 
 
-class Job:
-    """One dataset in one view, and what its meshes cost."""
-
-    def __init__(self, d, name, title, view):
-        self.d, self.name, self.title, self.view, self.cpu, self.ratios = d, name, title, view, [], []
-
-    def run(self, base=None):
-        self.d.ctl("cache", "gc", "--all").ok()
-        before = cpu(self.d.pid)
-        self.report = json.loads(
-            self.d.ctl("submit", self.name, "--wait", "--new", "--json", "--no-progress", *self.view).ok().out.splitlines()[-1])
-        self.cpu.append(cpu(self.d.pid) - before)
-        if base:
-            self.ratios.append(self.cpu[-1] / base)
-        return self.cpu[-1]
-
-
-def check(d, job, folder, lines, file):
-    path = os.path.join(folder, "m.ply")
-    d.ctl("fetch", job.report["job"], "-o", path).ok()
-    view = d.json("show", job.report["job"])["view"]
-    run(d.tools.path("tools/acut-verify"), "--quiet", "--view", view, *lines, path, file).ok()
-    os.unlink(path)
-
-
 def measure(d, table, args, folder, file):
     errors = args.errors.split(",")
     info, lines = d.json("info", file), os.path.join(folder, "lines.csv")
@@ -77,8 +41,8 @@ def measure(d, table, args, folder, file):
         d.ctl("push", name, file).ok()
     d.ctl("push", "lines", lines, "--lines-as", "hard", "--assume-crs", info["crs"], "--assume-units", "m,m").ok()
     for name in args.only or ("plain", "lines"):
-        plain = Job(d, name, "%s mesh" % name, [])
-        jobs = [Job(d, name, "%s %s" % (name, e), ["--max-error", e + "m"]) for e in errors]
+        plain = Meshes(d, name, "%s mesh" % name, [])
+        jobs = [Meshes(d, name, "%s %s" % (name, e), ["--max-error", e + "m"]) for e in errors]
         for _ in range(args.runs):
             base = plain.run()
             for j in jobs:
@@ -89,9 +53,11 @@ def measure(d, table, args, folder, file):
         for j in jobs:
             r = j.report["bound"]
             table.words("%s m: %d points kept, %.1f %%, %d rounds" % (j.title, r["kept"], r["percent"], r["rounds"]))
-            table.add(j.title + " cpu", j.cpu, "s", statistics.median(j.ratios))
+            table.add(j.title + " cpu", j.cpu, "s", j.ratio())
             if not args.no_verify:
-                check(d, j, folder, ["--breaklines", lines] if name == "lines" else [], file)
+                path = os.path.join(folder, "m.ply")
+                j.fetch(path, *(["--breaklines", lines] if name == "lines" else []), file)
+                os.unlink(path)
 
 
 def body():
@@ -100,25 +66,15 @@ def body():
     p.add_argument("--points", default="700k", help="of the survey (700k)")
     p.add_argument("--errors", default="0.1,0.11,0.3", help="metres (0.1,0.11,0.3)")
     p.add_argument("--vertices", type=int, default=540, help="of all breaklines (540)")
-    p.add_argument("--memory", default="256M")
-    p.add_argument("--threads", type=int, default=1)
-    p.add_argument("--runs", type=int, default=5)
     p.add_argument("--only", nargs="*", choices=("plain", "lines"), help="one of the two")
     p.add_argument("--file", help="this survey, which is in metres, in place of one of acut-synth")
-    p.add_argument("--acutd", help="measure this one, in place of that of the build")
     p.add_argument("--no-verify", action="store_true", help="do not check the last mesh of each view by acut-verify")
-    p.add_argument("--work", default="/tmp", help="where folders are made (/tmp)")
-    p.add_argument("--keep", action="store_true", help="keep the table in bench/results/ (or --results)")
-    p.add_argument("--results", default=os.path.join(acutbench.HERE, "results"), help="where --keep writes")
+    daemon_arguments(p, "256M", 5)
     args = p.parse_args()
-    tools, table = acutbench.Tools(args.build), acutbench.Table()
-    tools.acutd = args.acutd or tools.acutd
-    table.words(acutbench.machine(args.build, args.work))
-    table.words("%s, memory %s, %d thread(s)" % (args.file or args.points + " points", args.memory, args.threads))
-    with Folder(args.work) as folder, Daemon(tools, folder, memory=args.memory, threads=args.threads) as d:
+    with one_daemon(args, args.file or args.points + " points") as (d, folder, table):
         file = args.file or os.path.join(folder, "survey.las")
         if not args.file:
-            run(tools.synth, "--points", acutbench.count(args.points), file).ok()
+            run(d.tools.synth, "--points", acutbench.count(args.points), file).ok()
         measure(d, table, args, folder, file)
     if args.keep:
         print("kept in " + table.keep(args.results, "simplify-cost"))
