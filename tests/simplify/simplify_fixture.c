@@ -15,7 +15,7 @@ atomic_uint fixture_settled, fixture_again, fixture_nearby, fixture_windows, fix
 
 void fixture_begin(void)
 {
-	skip_fsync();
+	no_sync();
 	/* Thousands of small files: on a disk these take most of the time. */
 	if (!access("/dev/shm", W_OK))
 		setenv("TMPDIR", "/dev/shm", 0);
