@@ -164,6 +164,10 @@ struct pipe_known {
 	const struct cut_sites *sites;    /* sites of the plan, if the leaf is `known` */
 	const struct pipe_before *before; /* from pipe_before */
 	bool flat;                        /* the leaf is flat: the domain has its positions and no triangles */
+	/* Called every few milliseconds while a domain with weights is made, which can take long; non-zero cancels
+	 * (-ERR_CANCELLED). May be NULL. */
+	int (*progress)(void *ctx);
+	void *ctx;
 };
 /* Makes the domain of a region in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do
  * not fit; they would need room for *ret_need positions. */

@@ -197,7 +197,11 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
 	struct pipe_budget less = *budget;
-	struct regular w = {.view = view, .most = greatest(grid, view), .region = region};
+	struct regular w = {.view = view,
+			    .most = greatest(grid, view),
+			    .region = region,
+			    .progress = known ? known->progress : NULL,
+			    .progress_ctx = known ? known->ctx : NULL};
 	struct cut_trace *trace = &((struct pipe_trace *)memory)->trace;
 	uint8_t *tables, *end;
 	int r;

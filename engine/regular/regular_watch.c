@@ -74,7 +74,7 @@ bool regular_in_region(const struct regular_work *w, const int32_t box[4])
 	       2 * (int64_t)box[3] < w->box[3];
 }
 
-static int watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
+static void watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
 {
 	const uint32_t *c = w->r.triangle[i].corner;
 	const struct regular_disc d = {{w->r.xy[c[0]], u[0], u[1]}, (double)(w->most - regular_vertex(w, c[0]).w)};
@@ -83,12 +83,12 @@ static int watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
 	regular_set(w->watched, i, true);
 	regular_disc_box(&d, box);
 	if (!regular_in_region(w, box))
-		return regular_disc_add(w, c[0], u);
-	regular_trace_disc(w, c[0], u);
-	return 0;
+		regular_disc_add(w, c[0], u);
+	else
+		regular_trace_disc(w, c[0], u);
 }
 
-/* The edges of a triangle that is not owned, or of a ghost. Between two owned ones no edge of cells meets the border. */
+/* The edges of a triangle that is not owned, or of a ghost, each once. Between two owned ones no edge of cells meets the border. */
 static int watch_edges(struct regular_work *w, uint32_t i)
 {
 	const struct tri_triangle *t = &w->r.triangle[i];
@@ -98,18 +98,11 @@ static int watch_edges(struct regular_work *w, uint32_t i)
 		uint32_t a = t->corner[(k + 1) % 3], b = t->corner[(k + 2) % 3], link = t->link[k];
 		uint32_t d = w->r.triangle[link >> 3].corner[(link & 6) >> 1];
 
-		if (a == TRI_GHOST || b == TRI_GHOST)
+		if (a == TRI_GHOST || b == TRI_GHOST || (link >> 3 < i && !regular_bit(w->owned, link >> 3)))
 			continue;
-		for (unsigned side = 0; !rc && side < w->nborder; side++) {
-			double u[2];
-
-			if (!regular_border_meets(w, side, a, b, t->corner[k], d))
-				continue;
-			regular_set(w->near, i, true);
-			regular_set(w->near, link >> 3, true);
-			regular_border_place(w, side, a, b, u);
-			rc = regular_disc_add(w, a, u);
-		}
+		for (unsigned side = 0; !rc && side < w->nborder; side++)
+			if (regular_border_meets(w, side, a, b, t->corner[k], d))
+				rc = regular_border_add(w, side, a, b);
 	}
 	return rc;
 }
@@ -128,7 +121,9 @@ static int watch_one(struct regular_work *w, uint32_t i)
 			return watch_edges(w, i);
 		regular_set(w->owned, i, true);
 		regular_set(w->watched, i, true);
-		return disc_inside(w, t->corner[0], u, inside) ? 0 : watch_triangle(w, i, u);
+		if (!disc_inside(w, t->corner[0], u, inside))
+			watch_triangle(w, i, u);
+		return 0;
 	}
 	if (!w->c->no_hull && ends_here(w, w->r.xy[t->corner[(ghost + 1) % 3]], w->r.xy[t->corner[(ghost + 2) % 3]])) {
 		regular_set(w->watched, i, true);
@@ -143,16 +138,18 @@ static int watch_all(struct regular_work *w)
 
 	w->all = true;
 	regular_border_survey(w);
-	for (unsigned i = 0; i < w->ncorner && !rc; i++) {
+	for (unsigned i = 0; i < w->ncorner; i++) {
 		const struct regular_corner *c = &w->corner[i];
 		const int32_t *at = w->r.xy[c->vertex];
 
-		rc = regular_disc_add(w, c->vertex,
+		regular_disc_add(w, c->vertex,
 				      (const double[2]){(double)(c->at[0] - 2 * (int64_t)at[0]) / 2,
 							(double)(c->at[1] - 2 * (int64_t)at[1]) / 2});
 	}
-	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++)
-		rc = watch_one(w, i);
+	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
+		rc = regular_progress(w, 1);
+		rc = rc ? rc : watch_one(w, i);
+	}
 	return rc ? rc : regular_read(w);
 }
 
@@ -167,12 +164,13 @@ static int watch_area(struct regular_work *w)
 		const uint32_t *c = w->r.triangle[i].corner;
 		double u[2];
 
+		rc = regular_progress(w, 1);
 		if (!tri_regular_used(&w->r.triangle[i]) || regular_ghost_at(&w->r.triangle[i]) < 3 ||
 		    !area->meets(area->ctx, w->r.xy[c[0]], w->r.xy[c[1]], w->r.xy[c[2]]))
 			continue;
 		regular_set(w->owned, i, true);
 		centre(w, c, u);
-		rc = watch_triangle(w, i, u);
+		watch_triangle(w, i, u);
 	}
 	return rc ? rc : regular_read(w);
 }
@@ -195,12 +193,43 @@ static void find_owned(struct regular_work *w, uint32_t first)
 
 /* ---- positions that may be hidden ---- */
 
+/* Whether another position has at most the power of the first one at its place. */
+static bool is_under(struct geom_weighted p, struct geom_weighted q)
+{
+	const int64_t x = (int64_t)q.at[0] - p.at[0], y = (int64_t)q.at[1] - p.at[1];
+
+	return q.w > p.w && geom_power_lift(x, y, q.w - p.w) <= 0;
+}
+
+/* Positions of the region are served if they are certainly in the mesh: what they have of the region in their cells is exact. That
+ * can be their place, the centre of an owned triangle, or the end of a ray. */
 static void serve(struct regular_work *w)
 {
-	memset(w->served, 0, ((size_t)w->r.nvertex + 63) / 64 * sizeof(*w->served));
-	for (uint32_t i = 0; i < w->r.ntriangle; i++)
-		for (unsigned k = 0; k < 3 && regular_bit(w->owned, i); k++)
-			regular_set(w->served, w->r.triangle[i].corner[k], true);
+	memset(w->served, 0xff, ((size_t)w->r.nvertex + 63) / 64 * sizeof(*w->served));
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		const uint32_t *c = w->r.triangle[i].corner;
+
+		for (unsigned k = 0; k < 3 && !regular_bit(w->owned, i); k++) {
+			uint32_t from = c[k], to = c[(k + 1) % 3];
+
+			if (from == TRI_GHOST || to == TRI_GHOST)
+				continue;
+			if (is_under(regular_vertex(w, from), regular_vertex(w, to)))
+				regular_set(w->served, from, false);
+			if (is_under(regular_vertex(w, to), regular_vertex(w, from)))
+				regular_set(w->served, to, false);
+		}
+	}
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		const struct tri_triangle *t = &w->r.triangle[i];
+		unsigned ghost = regular_ghost_at(t);
+		bool all = regular_bit(w->owned, i) ||
+			   (ghost < 3 && tri_regular_used(t) && !w->c->no_hull && regular_owns_hull(w, i, ghost));
+
+		for (unsigned k = 0; all && k < 3; k++)
+			if (t->corner[k] != TRI_GHOST)
+				regular_set(w->served, t->corner[k], true);
+	}
 }
 
 static bool before(const struct regular_candidate *a, const struct regular_candidate *b)
@@ -224,13 +253,11 @@ static void sift(struct regular_candidate *c, uint32_t n, uint32_t at)
 }
 
 /* For each position the smallest of its triangles that are listed. */
-static int watch_listed(struct regular_work *w, struct regular_candidate *c, uint32_t n)
+static void watch_listed(struct regular_work *w, struct regular_candidate *c, uint32_t n)
 {
-	int rc = 0;
-
 	for (uint32_t i = n / 2; i-- > 0;)
 		sift(c, n, i);
-	while (n && !rc) {
+	while (n) {
 		struct regular_candidate least = c[0];
 		double u[2];
 
@@ -243,9 +270,8 @@ static int watch_listed(struct regular_work *w, struct regular_candidate *c, uin
 		if (regular_bit(w->watched, least.triangle))
 			continue;
 		centre(w, w->r.triangle[least.triangle].corner, u);
-		rc = watch_triangle(w, least.triangle, u);
+		watch_triangle(w, least.triangle, u);
 	}
-	return rc;
 }
 
 /* They are few, at the border. A list that is full is watched, and begins again. */
@@ -258,9 +284,10 @@ static int watch_positions(struct regular_work *w)
 	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
 		const struct tri_triangle *t = &w->r.triangle[i];
 
+		rc = regular_progress(w, 1);
 		if (regular_ghost_at(t) != 3 || regular_bit(w->owned, i))
 			continue;
-		for (unsigned k = 0; k < 3 && !rc; k++) {
+		for (unsigned k = 0; k < 3; k++) {
 			const int32_t *at = w->r.xy[t->corner[k]];
 			double u[2];
 
@@ -270,12 +297,13 @@ static int watch_positions(struct regular_work *w)
 			list[n++] = (struct regular_candidate){
 				t->corner[k], i, u[0] * u[0] + u[1] * u[1] - (double)regular_vertex(w, t->corner[0]).w};
 			if (n == w->mostlist) {
-				rc = watch_listed(w, list, n);
+				watch_listed(w, list, n);
 				n = 0;
 			}
 		}
 	}
-	return rc ? rc : watch_listed(w, list, n);
+	watch_listed(w, list, n);
+	return rc;
 }
 
 int regular_watch(struct regular_work *w, uint32_t first)
@@ -284,7 +312,6 @@ int regular_watch(struct regular_work *w, uint32_t first)
 	int rc = 0;
 
 	memset(w->watched, 0, bytes);
-	memset(w->near, 0, bytes);
 	if (first) {
 		find_owned(w, first);
 	} else {
@@ -298,5 +325,5 @@ int regular_watch(struct regular_work *w, uint32_t first)
 	serve(w);
 	w->all = false;
 	rc = watch_positions(w);
-	return rc || !w->ndisc ? rc : regular_read(w);
+	return rc || !regular_disc_groups(w) ? rc : regular_read(w);
 }
