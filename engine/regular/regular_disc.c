@@ -66,13 +66,18 @@ static void make_room(struct regular_work *w)
 	w->ndisc = 0;
 }
 
-void regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
+int regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
 {
 	const struct regular_disc d = {{w->r.xy[a], u[0], u[1]}, (double)(w->most - regular_vertex(w, a).w)};
 	struct regular_group one, *group;
 
-	if (w->ndisc == w->mostdisc || (w->ndisc % REGULAR_GROUP == 0 && regular_disc_groups(w) == w->mostgroup))
+	if (w->ndisc == w->mostdisc || (w->ndisc % REGULAR_GROUP == 0 && regular_disc_groups(w) == w->mostgroup)) {
+		int rc = w->step == REGULAR_PLACES ? regular_read(w) : 0;
+
+		if (rc)
+			return rc;
 		make_room(w);
+	}
 	disc_box(&d, 0, one.box);
 	disc_box(&d, (double)w->most, one.bare);
 	group = &w->group[w->nwhole + w->ndisc / REGULAR_GROUP];
@@ -82,6 +87,12 @@ void regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
 	point_box_join(group->bare, one.bare);
 	w->disc[w->ndisc++] = d;
 	regular_trace_disc(w, a, u);
+	return 0;
+}
+
+bool regular_disc_holds(const struct regular_disc *d, int64_t most, struct geom_weighted p)
+{
+	return disc_meets(d, (const int32_t[4]){p.at[0], p.at[1], p.at[0], p.at[1]}, (double)(most - p.w));
 }
 
 bool regular_disc_meets(const struct regular_work *w, uint32_t group, const int32_t box[4], double lack)

@@ -56,6 +56,10 @@ struct regular_candidate {
 	double size;
 };
 
+/* What is verified: triangles of the region, and its border; places at which positions of the region are visible; triangles of an
+ * area. */
+enum regular_step { REGULAR_REGION, REGULAR_PLACES, REGULAR_AREA };
+
 struct regular_work {
 	struct regular *c;
 	struct err *err;
@@ -84,7 +88,7 @@ struct regular_work {
 	bool beyond;         /* half planes, or ends of borders, meet it */
 	uint32_t ghost[REGULAR_GHOSTS], nghost;
 	bool all_outside;
-	bool all; /* the border is verified, too */
+	enum regular_step step;
 	struct regular_candidate *list;
 	uint32_t mostlist;
 	struct point *point; /* that are loaded in this turn */
@@ -143,10 +147,12 @@ int regular_watch(struct regular_work *, uint32_t first);
 int regular_progress(struct regular_work *, uint32_t steps);
 int regular_cancelled(struct regular_work *); /* the error */
 
-/* regular_disc.c: discs, in groups. Discs that do not fit are replaced by the boxes of their groups. */
+/* regular_disc.c: discs, in groups. Discs that do not fit are replaced by the boxes of their groups; those of places are read. */
 void regular_disc_box(const struct regular_disc *, int32_t ret[4]);
 /* Vertex a, and the centre from there. */
-void regular_disc_add(struct regular_work *, uint32_t a, const double u[2]);
+int regular_disc_add(struct regular_work *, uint32_t a, const double u[2]);
+/* Whether it has a position, or nearly has it. */
+bool regular_disc_holds(const struct regular_disc *, int64_t most, struct geom_weighted);
 uint32_t regular_disc_groups(const struct regular_work *);
 /* Whether a group can have a position of the box, in which weights are less than the greatest by at least `lack`. */
 bool regular_disc_meets(const struct regular_work *, uint32_t group, const int32_t box[4], double lack);

@@ -37,7 +37,7 @@ static bool ghost_meets(const struct regular_work *w, uint32_t triangle, const i
 /* Whether a position beyond the hull, or far along a border, can be in the box. */
 static bool beyond_meets(const struct regular_work *w, const int32_t box[4])
 {
-	if (w->all_outside || (w->all && regular_border_ends_box(w, box)))
+	if (w->all_outside || (w->step == REGULAR_REGION && regular_border_ends_box(w, box)))
 		return true;
 	for (uint32_t i = 0; i < w->nghost; i++)
 		if (ghost_meets(w, w->ghost[i], box))
@@ -70,18 +70,18 @@ static bool is_watched(void *ctx, uint32_t triangle)
 }
 
 /*
- * Whether a position is in conflict with a watched triangle, or has at most the least power somewhere on the border. If it has
- * not on the border, its cell is in the region or outside of it as a whole, and so are the centres of all triangles in conflict:
- * the one around the position is as good as any.
+ * Whether a position, which is near a disc, is in conflict with a watched triangle, or has at most the least power somewhere on the
+ * border. If it has not on the border, its cell is in the region or outside of it as a whole, and so are the centres of all triangles in conflict:
+ * the one around the position is as good as any. Places are the centres of their discs: what is in one, matters.
  */
 static bool matters(struct regular_work *w, struct geom_weighted p)
 {
 	uint32_t around;
 
-	if (!w->all)
+	if (w->step == REGULAR_AREA)
 		return tri_regular_search(&w->tri, p, is_watched, w);
 	return tri_regular_around(&w->tri, p, &around) &&
-	       (regular_bit(w->watched, around) || regular_border_ends(w, p) || regular_border_below(w, p));
+	       (w->step == REGULAR_PLACES || regular_bit(w->watched, around) || regular_border_ends(w, p) || regular_border_below(w, p));
 }
 
 /* Most positions of a cell are in no disc. */
@@ -141,7 +141,7 @@ static bool is_inside(const struct regular_work *w, int32_t x, int32_t y)
 static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct regular_work *w = ctx;
-	uint32_t steps = 1 + w->nhit / STEPS_HIT + (w->all ? 0 : STEPS_SEARCH);
+	uint32_t steps = 1 + w->nhit / STEPS_HIT + (w->step == REGULAR_AREA ? STEPS_SEARCH : 0);
 
 	(void)err;
 	w->c->points_read += n;

@@ -74,18 +74,23 @@ bool regular_in_region(const struct regular_work *w, const int32_t box[4])
 	       2 * (int64_t)box[3] < w->box[3];
 }
 
-static void watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
+/* A disc that is not in the region. */
+static int watch_place(struct regular_work *w, uint32_t a, const double u[2])
 {
-	const uint32_t *c = w->r.triangle[i].corner;
-	const struct regular_disc d = {{w->r.xy[c[0]], u[0], u[1]}, (double)(w->most - regular_vertex(w, c[0]).w)};
+	const struct regular_disc d = {{w->r.xy[a], u[0], u[1]}, (double)(w->most - regular_vertex(w, a).w)};
 	int32_t box[4];
 
-	regular_set(w->watched, i, true);
 	regular_disc_box(&d, box);
 	if (!regular_in_region(w, box))
-		regular_disc_add(w, c[0], u);
-	else
-		regular_trace_disc(w, c[0], u);
+		return regular_disc_add(w, a, u);
+	regular_trace_disc(w, a, u);
+	return 0;
+}
+
+static int watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
+{
+	regular_set(w->watched, i, true);
+	return watch_place(w, w->r.triangle[i].corner[0], u);
 }
 
 /* The edges of a triangle that is not owned, or of a ghost, each once. Between two owned ones no edge of cells meets the border. */
@@ -121,9 +126,7 @@ static int watch_one(struct regular_work *w, uint32_t i)
 			return watch_edges(w, i);
 		regular_set(w->owned, i, true);
 		regular_set(w->watched, i, true);
-		if (!disc_inside(w, t->corner[0], u, inside))
-			watch_triangle(w, i, u);
-		return 0;
+		return disc_inside(w, t->corner[0], u, inside) ? 0 : watch_triangle(w, i, u);
 	}
 	if (!w->c->no_hull && ends_here(w, w->r.xy[t->corner[(ghost + 1) % 3]], w->r.xy[t->corner[(ghost + 2) % 3]])) {
 		regular_set(w->watched, i, true);
@@ -136,13 +139,13 @@ static int watch_all(struct regular_work *w)
 {
 	int rc = 0;
 
-	w->all = true;
+	w->step = REGULAR_REGION;
 	regular_border_survey(w);
-	for (unsigned i = 0; i < w->ncorner; i++) {
+	for (unsigned i = 0; i < w->ncorner && !rc; i++) {
 		const struct regular_corner *c = &w->corner[i];
 		const int32_t *at = w->r.xy[c->vertex];
 
-		regular_disc_add(w, c->vertex,
+		rc = regular_disc_add(w, c->vertex,
 				      (const double[2]){(double)(c->at[0] - 2 * (int64_t)at[0]) / 2,
 							(double)(c->at[1] - 2 * (int64_t)at[1]) / 2});
 	}
@@ -160,6 +163,7 @@ static int watch_area(struct regular_work *w)
 	const struct regular_area *area = w->c->area;
 	int rc = 0;
 
+	w->step = REGULAR_AREA;
 	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
 		const uint32_t *c = w->r.triangle[i].corner;
 		double u[2];
@@ -170,7 +174,7 @@ static int watch_area(struct regular_work *w)
 			continue;
 		regular_set(w->owned, i, true);
 		centre(w, c, u);
-		watch_triangle(w, i, u);
+		rc = rc ? rc : watch_triangle(w, i, u);
 	}
 	return rc ? rc : regular_read(w);
 }
@@ -232,6 +236,50 @@ static void serve(struct regular_work *w)
 	}
 }
 
+/* From p, the place of its cell that is nearest to it, if that is inside of the edge to the cell of a, beside those of c and d. It is
+ * near p, where the centres of triangles can be far. */
+static bool nearest(const struct regular_work *w, uint32_t p, uint32_t a, uint32_t c, uint32_t d, double ret[2])
+{
+	const struct geom_weighted from = regular_vertex(w, p), to = regular_vertex(w, a);
+	const int64_t x = (int64_t)to.at[0] - from.at[0], y = (int64_t)to.at[1] - from.at[1];
+	double part = (double)geom_power_lift(x, y, to.w - from.w) / (2 * (double)geom_power_lift(x, y, 0));
+	struct regular_disc disc;
+
+	ret[0] = part * (double)x;
+	ret[1] = part * (double)y;
+	disc = (struct regular_disc){{from.at, ret[0], ret[1]}, (double)(w->most - from.w)};
+	return (c == TRI_GHOST || !regular_disc_holds(&disc, w->most, regular_vertex(w, c))) &&
+	       (d == TRI_GHOST || !regular_disc_holds(&disc, w->most, regular_vertex(w, d)));
+}
+
+static bool is_asked(const struct regular_work *w, uint32_t v)
+{
+	return v != TRI_GHOST && !regular_bit(w->served, v) && cut_region_holds(w->c->region, w->r.xy[v][0], w->r.xy[v][1]);
+}
+
+/* Positions of which the nearest place of the cell is on an edge of it. */
+static int watch_nearest(struct regular_work *w)
+{
+	int rc = 0;
+
+	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
+		const struct tri_triangle *t = &w->r.triangle[i];
+
+		rc = regular_progress(w, 1);
+		for (unsigned k = 0; k < 3 && !rc && tri_regular_used(t) && !regular_bit(w->owned, i); k++) {
+			uint32_t p = t->corner[(k + 1) % 3], a = t->corner[(k + 2) % 3], link = t->link[k];
+			uint32_t d = w->r.triangle[link >> 3].corner[(link & 6) >> 1];
+			double u[2];
+
+			if (a == TRI_GHOST || !is_asked(w, p) || !nearest(w, p, a, t->corner[k], d, u))
+				continue;
+			regular_set(w->served, p, true);
+			rc = watch_place(w, p, u);
+		}
+	}
+	return rc;
+}
+
 static bool before(const struct regular_candidate *a, const struct regular_candidate *b)
 {
 	return a->size != b->size ? a->size < b->size : a->triangle < b->triangle;
@@ -253,11 +301,13 @@ static void sift(struct regular_candidate *c, uint32_t n, uint32_t at)
 }
 
 /* For each position the smallest of its triangles that are listed. */
-static void watch_listed(struct regular_work *w, struct regular_candidate *c, uint32_t n)
+static int watch_listed(struct regular_work *w, struct regular_candidate *c, uint32_t n)
 {
+	int rc = 0;
+
 	for (uint32_t i = n / 2; i-- > 0;)
 		sift(c, n, i);
-	while (n) {
+	while (n && !rc) {
 		struct regular_candidate least = c[0];
 		double u[2];
 
@@ -270,8 +320,9 @@ static void watch_listed(struct regular_work *w, struct regular_candidate *c, ui
 		if (regular_bit(w->watched, least.triangle))
 			continue;
 		centre(w, w->r.triangle[least.triangle].corner, u);
-		watch_triangle(w, least.triangle, u);
+		rc = watch_triangle(w, least.triangle, u);
 	}
+	return rc;
 }
 
 /* They are few, at the border. A list that is full is watched, and begins again. */
@@ -287,23 +338,21 @@ static int watch_positions(struct regular_work *w)
 		rc = regular_progress(w, 1);
 		if (regular_ghost_at(t) != 3 || regular_bit(w->owned, i))
 			continue;
-		for (unsigned k = 0; k < 3; k++) {
-			const int32_t *at = w->r.xy[t->corner[k]];
+		for (unsigned k = 0; k < 3 && !rc; k++) {
 			double u[2];
 
-			if (regular_bit(w->served, t->corner[k]) || !cut_region_holds(w->c->region, at[0], at[1]))
+			if (!is_asked(w, t->corner[k]))
 				continue;
 			centre(w, t->corner, u);
 			list[n++] = (struct regular_candidate){
 				t->corner[k], i, u[0] * u[0] + u[1] * u[1] - (double)regular_vertex(w, t->corner[0]).w};
 			if (n == w->mostlist) {
-				watch_listed(w, list, n);
+				rc = watch_listed(w, list, n);
 				n = 0;
 			}
 		}
 	}
-	watch_listed(w, list, n);
-	return rc;
+	return rc ? rc : watch_listed(w, list, n);
 }
 
 int regular_watch(struct regular_work *w, uint32_t first)
@@ -323,7 +372,8 @@ int regular_watch(struct regular_work *w, uint32_t first)
 	if (rc)
 		return rc;
 	serve(w);
-	w->all = false;
-	rc = watch_positions(w);
+	w->step = REGULAR_PLACES;
+	rc = watch_nearest(w);
+	rc = rc ? rc : watch_positions(w);
 	return rc || !regular_disc_groups(w) ? rc : regular_read(w);
 }
