@@ -50,6 +50,9 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 /* After the kernel of a region with weights: the domain of a view with `hidden`. Its counts are those of all that was loaded. */
 int pipe_hidden(const struct grid *grid, const struct regular *, void *memory, struct mesh_domain *ret, struct err *err);
+/* What a kernel of the view has of the arena; and of the arena for such a kernel. */
+uint32_t pipe_weight_cap(const struct view *, uint32_t cap);
+uint64_t pipe_weight_need(const struct view *, uint64_t need);
 /* No position has a greater weight. */
 int64_t pipe_weight_most(const struct grid *grid, const struct view *view);
 int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err);

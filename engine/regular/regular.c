@@ -5,18 +5,19 @@
  * P(B) of the positions without their weights is only where this begins: it is near what is needed, and found by the same search
  * as in a plain mesh. Nothing relies on it.
  *
- * Memory: 5 bits for each position of the capacity, and what is left in four parts: discs, points, triangles at positions that may
- * be hidden, edges between cells at the border. The parts of points and edges are used where the kernel's arena is full. Discs that are too many become coarse boxes, edges that are too many end a batch;
- * points beyond their part wait for the next turn.
+ * Memory: 5 bits for each position of the capacity, and what is left in four parts: discs, points, triangles at positions that
+ * may be hidden, edges between cells at the border. The parts of points and edges are used where the kernel's arena is full.
+ * Discs that are too many become coarse boxes, edges that are too many end a batch; points beyond their part wait for the next
+ * turn.
  */
 #include "regular_priv.h"
 
 #include "align.h"
 #include "err.h"
 
-/* Half of the rest is for so many groups of discs at least; a quarter for points, an eighth each for triangles and for edges at the
- * border. There is room for as many groups without discs. */
-enum { GROUPS_LEAST = 2 };
+/* Of the rest a quarter is for so many groups of discs at least; half for edges at the border, an eighth each for points and
+ * triangles. There is room for as many groups without discs. */
+enum { GROUPS_LEAST = 1 };
 #define GROUP_BYTES (REGULAR_GROUP * sizeof(struct regular_disc) + 2 * (sizeof(struct regular_group) + sizeof(uint32_t)))
 
 static size_t bits_bytes(uint64_t n)
@@ -31,7 +32,7 @@ static size_t fixed_bytes(uint32_t cap)
 
 size_t regular_bytes(uint32_t cap)
 {
-	return fixed_bytes(cap) + 2 * GROUPS_LEAST * GROUP_BYTES;
+	return fixed_bytes(cap) + 4 * GROUPS_LEAST * GROUP_BYTES;
 }
 
 static void lay_out(struct regular_work *w)
@@ -43,12 +44,12 @@ static void lay_out(struct regular_work *w)
 	w->owned = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
 	w->watched = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
 	w->served = align_carve(&at, bits_bytes(cap));
-	w->mostgroup = (uint32_t)(left / 2 / GROUP_BYTES);
+	w->mostgroup = (uint32_t)(left / 4 / GROUP_BYTES);
 	w->mostdisc = w->mostgroup * REGULAR_GROUP;
 	w->mostgroup *= 2;
-	w->least_points = (uint32_t)(left / 4 / sizeof(struct point));
+	w->least_points = (uint32_t)(left / 8 / sizeof(struct point));
 	w->mostlist = (uint32_t)(left / 8 / sizeof(struct regular_candidate));
-	w->least_cross = (uint32_t)(left / 8 / sizeof(struct regular_cross));
+	w->least_cross = (uint32_t)(left / 2 / sizeof(struct regular_cross));
 	w->hit = align_carve(&at, w->mostgroup * sizeof(*w->hit));
 	w->disc = align_carve(&at, w->mostdisc * sizeof(*w->disc));
 	w->group = align_carve(&at, w->mostgroup * sizeof(*w->group));
@@ -57,15 +58,14 @@ static void lay_out(struct regular_work *w)
 	w->list = align_carve(&at, w->mostlist * sizeof(*w->list));
 }
 
-/* Points and edges have the part of the kernel's arena that is free, if it is more. As many points as can be added are at its end:
- * no triangle of those that were added reaches the ones that are left. */
+/* Points and edges have the part of the kernel's arena that is free, if it is more. As many points as can be added are at its
+ * end: no triangle of those that were added reaches the ones that are left. */
 static void borrow(struct regular_work *w)
 {
-	size_t bytes, rest;
-	uint8_t *room = tri_regular_room(&w->tri, &bytes);
+	uint8_t *room = tri_regular_room(&w->tri);
 	uint32_t points = w->c->cap - w->r.nvertex;
+	size_t rest = points * (TRI_REGULAR_EACH - sizeof(struct point));
 
-	rest = bytes - (size_t)points * sizeof(struct point);
 	w->point = w->few_points;
 	w->mostpoint = w->least_points;
 	if (points > w->mostpoint) {
@@ -191,7 +191,8 @@ static void choose(struct regular_work *w)
 
 int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
 {
-	struct regular_work w = {.c = c, .err = err, .tri = {.tri = c->tri, .weight = w.weight, .progress = c->progress, .ctx = c->progress_ctx}};
+	struct regular_work w = {
+		.c = c, .err = err, .tri = {.tri = c->tri, .weight = w.weight, .progress = c->progress, .ctx = c->progress_ctx}};
 	int rc;
 
 	c->chosen = NULL;

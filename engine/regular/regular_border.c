@@ -142,9 +142,16 @@ static void place(const struct regular_work *w, unsigned i, uint32_t a, uint32_t
 	ret[!border->axis] = (double)(geom_power_lift(along, across, q.w - p.w) - (geom_i128)off * across) / (2 * (double)along);
 }
 
+_Static_assert(TRI_MAX_POINTS <= 1u << 30, "a number of a vertex leaves room for the side");
+
 static uint64_t key_of(unsigned i, int32_t along)
 {
 	return (uint64_t)i << 32 | ((uint32_t)along ^ 0x80000000u);
+}
+
+static uint64_t key(const struct regular_cross *c)
+{
+	return key_of(c->side_a & 3, c->at);
 }
 
 int regular_border_add(struct regular_work *w, unsigned i, uint32_t a, uint32_t b)
@@ -156,7 +163,7 @@ int regular_border_add(struct regular_work *w, unsigned i, uint32_t a, uint32_t 
 
 	place(w, i, a, b, u);
 	regular_disc_add(w, a, u);
-	w->cross[w->ncross++] = (struct regular_cross){key_of(i, w->r.xy[first][along]), first, swap ? a : b};
+	w->cross[w->ncross++] = (struct regular_cross){w->r.xy[first][along], first << 2 | i, swap ? a : b};
 	return w->ncross == w->mostcross ? regular_read(w) : 0;
 }
 
@@ -165,8 +172,8 @@ static void sift(struct regular_cross *c, uint32_t n, uint32_t at)
 	struct regular_cross moved = c[at];
 
 	for (uint32_t child = 2 * at + 1; child < n; child = 2 * at + 1) {
-		child += child + 1 < n && c[child + 1].key > c[child].key;
-		if (c[child].key <= moved.key)
+		child += child + 1 < n && key(&c[child + 1]) > key(&c[child]);
+		if (key(&c[child]) <= key(&moved))
 			break;
 		c[at] = c[child];
 		at = child;
@@ -175,14 +182,14 @@ static void sift(struct regular_cross *c, uint32_t n, uint32_t at)
 }
 
 /* The edges from `from` on that are below the key are before the returned one. */
-static uint32_t first_at(const struct regular_work *w, uint32_t from, uint64_t key)
+static uint32_t first_at(const struct regular_work *w, uint32_t from, uint64_t from_key)
 {
 	uint32_t low = from, high = w->ncross;
 
 	while (low < high) {
 		uint32_t middle = low + (high - low) / 2;
 
-		if (w->cross[middle].key < key)
+		if (key(&w->cross[middle]) < from_key)
 			low = middle + 1;
 		else
 			high = middle;
@@ -218,7 +225,7 @@ bool regular_border_below(const struct regular_work *w, struct geom_weighted p)
 		uint32_t end = along == INT32_MAX ? w->side[i + 1] : first_at(w, w->side[i], key_of(i, along + 1));
 		const struct regular_cross *c = &w->cross[end - 1];
 
-		if (end > w->side[i] && turn(&w->border[i], regular_vertex(w, c->a), regular_vertex(w, c->b), p) <= 0)
+		if (end > w->side[i] && turn(&w->border[i], regular_vertex(w, c->side_a >> 2), regular_vertex(w, c->b), p) <= 0)
 			return true;
 	}
 	return false;

@@ -12,9 +12,9 @@
 #include "regular.h"
 
 enum {
-	REGULAR_GROUP = 16,   /* discs under one box */
+	REGULAR_GROUP = 16,      /* discs under one box */
 	REGULAR_STEPS = 1 << 15, /* between two calls of `progress`: each takes well below a microsecond */
-	REGULAR_GHOSTS = 512, /* half planes of a batch; all that is outside counts if there are more */
+	REGULAR_GHOSTS = 512,    /* half planes of a batch; all that is outside counts if there are more */
 };
 
 /* A finite side of the region. A height on it is that of algorithm.md 4, less the weight. */
@@ -46,8 +46,9 @@ struct regular_group {
 
 /* An edge between the cells of a and b that meets a side of the region. */
 struct regular_cross {
-	uint64_t key; /* the side; the place of a along it, which is before that of b */
-	uint32_t a, b;
+	int32_t at;      /* the place of a along the side, which is before that of b */
+	uint32_t side_a; /* four times a, and the side */
+	uint32_t b;
 };
 
 /* A triangle at a position of the region that has no owned one. */
@@ -85,7 +86,7 @@ struct regular_work {
 	/* Of each border; sorted when cells are read, with the first one of each. */
 	struct regular_cross *cross;
 	uint32_t ncross, mostcross, side[5];
-	bool beyond;         /* half planes, or ends of borders, meet it */
+	bool beyond; /* half planes, or ends of borders, meet it */
 	uint32_t ghost[REGULAR_GHOSTS], nghost;
 	bool all_outside;
 	enum regular_step step;

@@ -70,9 +70,10 @@ static bool is_watched(void *ctx, uint32_t triangle)
 }
 
 /*
- * Whether a position, which is near a disc, is in conflict with a watched triangle, or has at most the least power somewhere on the
- * border. If it has not on the border, its cell is in the region or outside of it as a whole, and so are the centres of all triangles in conflict:
- * the one around the position is as good as any. Places are the centres of their discs: what is in one, matters.
+ * Whether a position, which is near a disc, is in conflict with a watched triangle, or has at most the least power somewhere on
+ * the border. If it has not on the border, its cell is in the region or outside of it as a whole, and so are the centres of all
+ * triangles in conflict: the one around the position is as good as any. Places are the centres of their discs: what is in one,
+ * matters.
  */
 static bool matters(struct regular_work *w, struct geom_weighted p)
 {
@@ -80,8 +81,8 @@ static bool matters(struct regular_work *w, struct geom_weighted p)
 
 	if (w->step == REGULAR_AREA)
 		return tri_regular_search(&w->tri, p, is_watched, w);
-	return tri_regular_around(&w->tri, p, &around) &&
-	       (w->step == REGULAR_PLACES || regular_bit(w->watched, around) || regular_border_ends(w, p) || regular_border_below(w, p));
+	return tri_regular_around(&w->tri, p, &around) && (w->step == REGULAR_PLACES || regular_bit(w->watched, around) ||
+							   regular_border_ends(w, p) || regular_border_below(w, p));
 }
 
 /* Most positions of a cell are in no disc. */

@@ -93,7 +93,8 @@ static int watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
 	return watch_place(w, w->r.triangle[i].corner[0], u);
 }
 
-/* The edges of a triangle that is not owned, or of a ghost, each once. Between two owned ones no edge of cells meets the border. */
+/* The edges of a triangle that is not owned, or of a ghost, each once. Between two owned ones no edge of cells meets the border.
+ */
 static int watch_edges(struct regular_work *w, uint32_t i)
 {
 	const struct tri_triangle *t = &w->r.triangle[i];
@@ -205,8 +206,8 @@ static bool is_under(struct geom_weighted p, struct geom_weighted q)
 	return q.w > p.w && geom_power_lift(x, y, q.w - p.w) <= 0;
 }
 
-/* Positions of the region are served if they are certainly in the mesh: what they have of the region in their cells is exact. That
- * can be their place, the centre of an owned triangle, or the end of a ray. */
+/* Positions of the region are served if they are certainly in the mesh: what they have of the region in their cells is exact.
+ * That can be their place, the centre of an owned triangle, or the end of a ray. */
 static void serve(struct regular_work *w)
 {
 	memset(w->served, 0xff, ((size_t)w->r.nvertex + 63) / 64 * sizeof(*w->served));
@@ -236,8 +237,8 @@ static void serve(struct regular_work *w)
 	}
 }
 
-/* From p, the place of its cell that is nearest to it, if that is inside of the edge to the cell of a, beside those of c and d. It is
- * near p, where the centres of triangles can be far. */
+/* From p, the place of its cell that is nearest to it, if that is inside of the edge to the cell of a, beside those of c and d.
+ * It is near p, where the centres of triangles can be far. */
 static bool nearest(const struct regular_work *w, uint32_t p, uint32_t a, uint32_t c, uint32_t d, double ret[2])
 {
 	const struct geom_weighted from = regular_vertex(w, p), to = regular_vertex(w, a);

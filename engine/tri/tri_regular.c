@@ -298,12 +298,9 @@ int tri_regular_add(struct tri_regular *r, const struct mesh_vertex *v, const ui
 	return 0;
 }
 
-void *tri_regular_room(const struct tri_regular *r, size_t *ret_bytes)
+void *tri_regular_room(const struct tri_regular *r)
 {
-	const struct tri *t = r->tri;
-
-	*ret_bytes = (size_t)(t->cap - t->nvertex) * TRI_REGULAR_EACH;
-	return t->triangle + 2 * (size_t)t->nvertex;
+	return r->tri->triangle + 2 * (size_t)r->tri->nvertex;
 }
 
 bool tri_regular_around(struct tri_regular *r, struct geom_weighted p, uint32_t *ret)

@@ -33,10 +33,10 @@ int tri_regular_run(struct tri_regular *, uint32_t n, const uint8_t *kind);
 /* Adds positions, all different from the vertices. TRI_E_FULL: those before the one that did not fit were added. */
 int tri_regular_add(struct tri_regular *, const struct mesh_vertex *, const uint8_t *kind, uint32_t n);
 
-/* The end of the arena's triangles that is not used yet, aligned to 16: each position that is added takes
- * TRI_REGULAR_EACH bytes from its front. */
+/* The end of the arena's triangles that is not used yet, aligned to 16: TRI_REGULAR_EACH bytes for each position that can be
+ * added, which takes as many from its front. */
 enum { TRI_REGULAR_EACH = 2 * sizeof(struct tri_triangle) };
-void *tri_regular_room(const struct tri_regular *, size_t *ret_bytes);
+void *tri_regular_room(const struct tri_regular *);
 
 static inline struct geom_weighted tri_regular_vertex(const struct tri_regular *r, uint32_t v)
 {
