@@ -78,6 +78,8 @@ static void borrow(struct regular_work *w)
 		w->cross = (struct regular_cross *)room;
 		w->mostcross = (uint32_t)(rest / sizeof(struct regular_cross));
 	}
+	if (w->c->few && w->mostcross > w->c->few)
+		w->mostcross = w->c->few;
 }
 
 int regular_progress(struct regular_work *w, uint32_t steps)

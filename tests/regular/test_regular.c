@@ -161,6 +161,7 @@ static uint32_t domain_make(const struct cut_source *src, const struct cut_regio
 		drop_halo(&r);
 	r.cap = cap ? cap : r.cap;
 	r.size = cap ? regular_bytes(cap) : r.size;
+	r.few = cap % 4;
 	rc = regular_run(&r, &need, &err);
 	if (rc)
 		fail_msg("case %llu: %d, %s", (unsigned long long)cases, rc, err.message);
