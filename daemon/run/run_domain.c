@@ -111,7 +111,12 @@ static int triangulate(struct run_domain *d)
 {
 	struct run *w = d->run;
 	const struct pipe_reuse_params p = run_domain_reuse(d);
-	struct pipe_known known = {.sites = d->sites, .flat = d->flat, .progress = is_cancelled, .ctx = &d->task};
+	const struct pipe_origin origin = {w->origin, &w->view};
+	struct pipe_known known = {.sites = d->sites,
+				   .flat = d->flat,
+				   .origin = w->origin ? &origin : NULL,
+				   .progress = is_cancelled,
+				   .ctx = &d->task};
 	struct pipe_before before;
 
 	if (d->changed && !w->grid_view.window && pipe_before(&p, &before))

@@ -131,7 +131,7 @@ static int no_hidden(const struct regular *w, const struct cut_load *load, const
 		     struct mesh_domain *ret, struct err *err)
 {
 	*ret = (struct mesh_domain){.counts = load->counts};
-	return pipe_hidden(grid, w, memory, ret, err);
+	return pipe_hidden(grid, w, NULL, memory, ret, err);
 }
 
 /* The kernel's triangles become the domain. False: they do not fit. */
@@ -194,7 +194,7 @@ static int attempt(const struct grid *grid, const struct view *view, const struc
 	r = verify(w, grid, memory, ret_need, err);
 	if (!r && view->hidden) {
 		*ret = (struct mesh_domain){.counts = counts_of(w, &load)};
-		return pipe_hidden(grid, w, memory, ret, err);
+		return pipe_hidden(grid, w, known ? known->origin : NULL, memory, ret, err);
 	}
 	if (!r && !finish(w, &load, k, ret)) {
 		*ret_need = (uint64_t)w->n * 2;
