@@ -215,14 +215,14 @@ void regular_border_sort(struct regular_work *w)
 
 /*
  * Along a side the power of a position less the least one is convex: its slope is that of u of the cell that is there, less u of
- * the position. So it is least at the last edge that begins at most at the position's u, or at an end of the side. Equal
- * beginnings are at one place. Of the edges that are read at one time any can be that edge; the other ones are not below.
+ * the position. So it is least at the last edge that begins before the position's u, or at an end of the side. Equal beginnings
+ * are at one place. Of the edges that are read at one time any can be that edge; the other ones are not below.
  */
 bool regular_border_below(const struct regular_work *w, struct geom_weighted p)
 {
 	for (unsigned i = 0; i < w->nborder; i++) {
 		int32_t along = p.at[!w->border[i].axis];
-		uint32_t end = along == INT32_MAX ? w->side[i + 1] : first_at(w, w->side[i], key_of(i, along + 1));
+		uint32_t end = first_at(w, w->side[i], key_of(i, along));
 		const struct regular_cross *c = &w->cross[end - 1];
 
 		if (end > w->side[i] && turn(&w->border[i], regular_vertex(w, c->side_a >> 2), regular_vertex(w, c->b), p) <= 0)
