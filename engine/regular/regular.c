@@ -78,8 +78,11 @@ static void borrow(struct regular_work *w)
 		w->cross = (struct regular_cross *)room;
 		w->mostcross = (uint32_t)(rest / sizeof(struct regular_cross));
 	}
-	if (w->c->few && w->mostcross > w->c->few)
-		w->mostcross = w->c->few;
+	if (w->c->few) {
+		w->mostcross = w->mostcross < w->c->few ? w->mostcross : w->c->few;
+		w->mostdisc = w->mostdisc < w->c->few ? w->mostdisc : w->c->few;
+		w->mostpoint = w->mostpoint < w->c->few + 4 ? w->mostpoint : w->c->few + 4;
+	}
 }
 
 int regular_progress(struct regular_work *w, uint32_t steps)

@@ -144,9 +144,8 @@ static void drop_halo(struct regular *r)
 	r->n = n;
 }
 
-/* Returns the positions that it had. `cap`: so many, with the least memory; or 0. */
-static uint32_t domain_make(const struct cut_source *src, const struct cut_region *region, enum how how, bool bare, void *memory,
-			    uint32_t cap, struct mesh_domain *ret)
+static void domain_make(const struct cut_source *src, const struct cut_region *region, enum how how, bool bare, void *memory,
+			bool least, struct mesh_domain *ret)
 {
 	static const int64_t k[3] = {0, 0, 0};
 	struct finish f = {0};
@@ -159,9 +158,8 @@ static uint32_t domain_make(const struct cut_source *src, const struct cut_regio
 	r.no_hull = how == WITHOUT_HULL;
 	if (bare)
 		drop_halo(&r);
-	r.cap = cap ? cap : r.cap;
-	r.size = cap ? regular_bytes(cap) : r.size;
-	r.few = cap % 4;
+	r.size = least ? regular_bytes(r.cap) : r.size;
+	r.few = least ? 1 + cases % 3 : 0;
 	rc = regular_run(&r, &need, &err);
 	if (rc)
 		fail_msg("case %llu: %d, %s", (unsigned long long)cases, rc, err.message);
@@ -172,7 +170,7 @@ static uint32_t domain_make(const struct cut_source *src, const struct cut_regio
 	*ret = f.out;
 	if (r.flat) {
 		assert_true(how != ALL);
-		return r.n;
+		return;
 	}
 	finish_init(&f, region, k, r.tri);
 	finish_chosen(&f, &(struct finish_choice){r.chosen, NULL});
@@ -182,7 +180,6 @@ static uint32_t domain_make(const struct cut_source *src, const struct cut_regio
 	f.out.counts.used -= r.hidden;
 	f.out.counts.removed[VIEW_BY_WEIGHT] = r.hidden;
 	*ret = f.out;
-	return r.n + r.added;
 }
 
 /* A kernel with less room says how much would suffice. */
@@ -254,7 +251,7 @@ static bool partition(uint64_t *seed, const struct cut_source *src, const struct
 
 		bool bare = how != HALO_ALONE && below(seed, 3) == 0;
 
-		domain_make(src, &leaf[i], how, bare, arena, 0, &d);
+		domain_make(src, &leaf[i], how, bare, arena, false, &d);
 		for (uint32_t k = 0; k < d.ntriangle; k++) {
 			int32_t at[3][3];
 
@@ -262,14 +259,11 @@ static bool partition(uint64_t *seed, const struct cut_source *src, const struct
 			parts_add(&parts, (const int32_t(*)[3])at);
 		}
 		if (how == ALL && below(seed, 2)) {
-			domain_make(again, &leaf[i], how, bare, other, 0, &o);
+			domain_make(again, &leaf[i], how, bare, other, false, &o);
 			check_same(&d, &o);
 		} else if (how == ALL) {
 			/* With the least memory there are batches, coarse boxes, and turns that are broken off. */
-			uint32_t cap = domain_make(again, &leaf[i], how, !bare, other, 0, &o);
-
-			check_same_mesh(&d, &o);
-			domain_make(again, &leaf[i], how, !bare, other, cap, &o);
+			domain_make(again, &leaf[i], how, !bare, other, true, &o);
 			check_same_mesh(&d, &o);
 			batches++;
 		}
