@@ -155,6 +155,7 @@ void run_close(struct run *w)
 	run_stored_leaves_free(w);
 	run_space_release(w);
 	w->grid = grid_close(w->grid);
+	w->origin = grid_close(w->origin);
 	if (w->reading)
 		dataset_read_end(w->dataset);
 	w->reading = false;
@@ -189,6 +190,11 @@ static int keep_system(struct run *w)
 	return w->wkt ? 0 : err_set(&w->err, ERR_NOMEM, "no memory for a coordinate system");
 }
 
+uint64_t run_index_share(const struct run *w)
+{
+	return admission_index_share(w->runs->admission) / (w->view.hidden && view_selects(&w->view) ? 2 : 1);
+}
+
 static void open_run(struct sched_task *t)
 {
 	struct run *w = run_of_task(t);
@@ -201,8 +207,8 @@ static void open_run(struct sched_task *t)
 		return;
 	w->opened = true;
 	use = (struct grid_use){.no_lines = w->view.no_breaklines, .clear = w->view.breakline_clear, .slots = w->view.slots};
-	w->r = grid_open_use(w->dataset->dirfd, w->manifest, w->generation, &use, runs->core->p.ledger,
-			     admission_index_share(runs->admission), &w->grid, &w->err);
+	w->r = grid_open_use(w->dataset->dirfd, w->manifest, w->generation, &use, runs->core->p.ledger, run_index_share(w),
+			     &w->grid, &w->err);
 	if (w->r == GRID_E_NO_LINE_SET)
 		w->r = RUN_E_NO_LINES;
 	if (w->r)

@@ -101,12 +101,22 @@ static void drop_result(struct run_domain *d)
 	d->held = 0;
 }
 
+static int is_cancelled(void *task)
+{
+	return atomic_load(&((struct sched_task *)task)->cancel);
+}
+
 /* A region beside the survey, far from its points, has few of them, and reads many others for its halo. */
 static int triangulate(struct run_domain *d)
 {
 	struct run *w = d->run;
 	const struct pipe_reuse_params p = run_domain_reuse(d);
-	struct pipe_known known = {.sites = d->sites, .flat = d->flat};
+	const struct pipe_origin origin = {w->origin, &w->view};
+	struct pipe_known known = {.sites = d->sites,
+				   .flat = d->flat,
+				   .origin = w->origin ? &origin : NULL,
+				   .progress = is_cancelled,
+				   .ctx = &d->task};
 	struct pipe_before before;
 
 	if (d->changed && !w->grid_view.window && pipe_before(&p, &before))

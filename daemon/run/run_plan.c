@@ -347,15 +347,14 @@ static void plan_forget(struct run *w)
 }
 
 /* A region needs more positions than the domains have room for, however small it is: points in convex position. It begins again
- * with fewer, larger domains, as long as the memory suffices for one. Not with weights, where the verification of such a region
- * takes minutes (docs/design/weights.md). */
+ * with fewer, larger domains, as long as the memory suffices for one. */
 static bool retry_wider(struct run *w)
 {
 	struct pipe_budget wide;
 	struct err err = ERR_INIT;
 	uint64_t bytes;
 
-	if (w->r != -ERR_LIMIT || w->stopping || w->planned || w->grid_view.nweight || w->err.need <= w->budget.cap ||
+	if (w->r != -ERR_LIMIT || w->stopping || w->planned || w->err.need <= w->budget.cap ||
 	    pipe_budget_wide(alone_memory(w), w->err.need, w->grid, &wide, &bytes, &err))
 		return false;
 	w->wide = w->err.need;

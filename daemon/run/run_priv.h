@@ -117,6 +117,7 @@ struct run {
 	bool opened;                          /* the dataset's folder */
 	bool reading;                         /* until the end, because the grid opens its segments again (dataset_read_begin) */
 	struct grid *grid;                    /* of the generation, or of its selection */
+	struct grid *origin;                  /* of a selection whose hidden positions are asked for: the generation; else NULL */
 	char *wkt;                            /* of the dataset, which a selection does not have; NULL: none */
 	uint64_t wkt_bytes;
 	char geoid[GRID_GEOID];
@@ -361,6 +362,9 @@ void run_event_damaged(const struct run *, unsigned n);                        /
 
 /* run_classes.c */
 void run_count_classes(struct run *); /* sets ground, other and so on of the open grid. Worker */
+
+/* Memory of the index of one grid of the run. */
+uint64_t run_index_share(const struct run *);
 
 /* run_select.c */
 /* Opens the selection in place of the generation's grid. RUN_E_ABSENT: there is none. -ERR_BUSY: no memory for the index now, or

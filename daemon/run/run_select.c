@@ -71,7 +71,8 @@ static int count_cropped(struct run *w, struct err *err)
 	return r;
 }
 
-/* Reads its counts and opens its grid. The generation's index is closed first: a run has memory for one. */
+/* Reads its counts and opens its grid. The generation's index is closed first: a run has memory for one. Files of hidden
+ * positions are found in the generation, so both have half of it then. */
 static int selected_open(struct run *w, int dirfd, bool final, struct err *err)
 {
 	const struct grid_source *lines = grid_lines_source(w->grid);
@@ -95,9 +96,13 @@ static int selected_open(struct run *w, int dirfd, bool final, struct err *err)
 		use.lines = w->select.counts.mapped ? SELECTION_LINES : file[0].name;
 		use.linesfd = w->select.counts.mapped ? dirfd : w->dataset->dirfd;
 	}
+	if (w->view.hidden && !w->select.counts.mapped && !w->origin) {
+		w->origin = w->grid;
+		w->grid = NULL;
+	}
 	w->grid = grid_close(w->grid);
-	r = grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, w->runs->core->p.ledger,
-			  admission_index_share(w->runs->admission), &w->grid, err);
+	r = grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, w->runs->core->p.ledger, run_index_share(w), &w->grid,
+			  err);
 	return r ? r : count_cropped(w, err);
 }
 

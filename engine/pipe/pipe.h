@@ -159,11 +159,22 @@ int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader,
 
 /* ---- domain: one region to a finished domain ---- */
 
+/* Of a selection: what it was made from, in the same plane, with the view that selects. */
+struct pipe_origin {
+	const struct grid *grid;
+	const struct view *view;
+};
+
 /* What is known about a region beforehand; may be NULL. Except for `flat` it does not change the domain. */
 struct pipe_known {
 	const struct cut_sites *sites;    /* sites of the plan, if the leaf is `known` */
 	const struct pipe_before *before; /* from pipe_before */
 	bool flat;                        /* the leaf is flat: the domain has its positions and no triangles */
+	const struct pipe_origin *origin; /* for the files of a view with `hidden`, if it is of a selection; NULL: unknown */
+	/* Called every few milliseconds while a domain with weights is made, which can take long; non-zero cancels
+	 * (-ERR_CANCELLED). May be NULL. */
+	int (*progress)(void *ctx);
+	void *ctx;
 };
 /* Makes the domain of a region in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do
  * not fit; they would need room for *ret_need positions. */

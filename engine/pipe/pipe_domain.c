@@ -143,6 +143,13 @@ int pipe_kernel(const struct grid *grid, const struct view *view, const struct c
 	return run_kernel(grid, view, region, known, budget, memory, &load, ret, ret_need, err);
 }
 
+static struct window_weights window_weights(const struct grid *grid, const struct view *view, const struct pipe_known *known)
+{
+	return (struct window_weights){.most = view->nweight ? pipe_weight_most(grid, view) : 0,
+				       .progress = known ? known->progress : NULL,
+				       .ctx = known ? known->ctx : NULL};
+}
+
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
@@ -157,7 +164,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 
 		/* Without a trace, because a piece is not stored for later generations. */
 		cut_trace_init(&trace->trace, trace + 1);
-		r = window_domain(grid, view, view->nweight ? pipe_weight_most(grid, view) : 0, region, budget->cap,
+		r = window_domain(grid, view, window_weights(grid, view, known), region, budget->cap,
 				  (uint8_t *)memory + PIPE_TRACE, pipe_domain_arena(grid, memory), ret, ret_need, err);
 		return r == WINDOW_E_SPLIT ? PIPE_E_SPLIT : r;
 	}

@@ -2,10 +2,12 @@
  * Domains of a view with `hidden`: in place of triangles the positions of the region that are hidden, as vertices, each with the
  * class of its record and its source.
  *
- * Of a selection the source is not known.
- *
  * The record is the one that the view prefers (view_prefers); of equal ones that of the source with the least number. They are
  * looked up after the kernel has run, in the cells of the region, and kept where the triangles were, which are not needed.
+ *
+ * A selection has the record, but not its source. That is looked up in what the selection was made from: the equal record that
+ * the rules for points keep. Of equal ones a rule that takes some (every, thin) can have taken any, so the least number is as
+ * good.
  */
 #include "pipe.h"
 
@@ -28,6 +30,7 @@ struct hidden {
 	struct mesh_origin *origin;
 	uint32_t n;
 	const uint32_t *id; /* of the records that are read */
+	const struct pipe_origin *from;
 };
 
 static bool before(const void *ctx, const struct point *a, const struct point *b)
@@ -73,31 +76,68 @@ static int look_up(void *ctx, const struct point *pts, size_t n, struct err *err
 	return 0;
 }
 
+/* The records that were found have no source yet. */
+static int look_up_source(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct hidden *h = ctx;
+
+	(void)err;
+	for (size_t i = 0; i < n; i++) {
+		uint32_t at = find(h, &pts[i]);
+		uint32_t *source = at < h->n ? &h->origin[at].source : NULL;
+
+		if (!source || memcmp(&pts[i], &h->best[at], sizeof pts[i]) || (*source && *source <= h->id[i]))
+			continue;
+		if (view_judge(h->from->view, &pts[i]) == VIEW_KEPT)
+			*source = h->id[i];
+	}
+	return 0;
+}
+
 static int read_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct hidden *h = ctx;
 
-	return cell->count ? grid_cell_read(h->reader, cell, look_up, h, h->err) : 0;
+	return cell->count ? grid_cell_read(h->reader, cell, h->from ? look_up_source : look_up, h, h->err) : 0;
 }
 
-static int find_origins(struct hidden *h, const struct grid *grid, void *memory, struct err *err)
+static int read_region(struct hidden *h, const struct grid *grid, void *memory, struct err *err)
 {
 	const struct grid_visitor visitor = {.ctx = h, .cell = read_cell};
 	uint32_t id[GRID_CELL_RECORDS];
 	struct cut_range range[4];
 	unsigned n = cut_region_ranges(h->region, range);
-	int r = grid_reader_new(grid, (uint8_t *)memory + PIPE_TRACE, grid_reader_bytes(grid), &h->reader, err);
+	int r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &h->reader, err);
 
 	if (r)
 		return r;
 	h->id = id;
 	h->err = err;
-	cut_judge_init(&h->judge, h->view);
 	grid_reader_ids(h->reader, id);
 	for (unsigned i = 0; !r && i < n; i++)
 		r = grid_walk(h->reader, range[i].lo, range[i].hi, &visitor, err);
 	grid_reader_free(h->reader);
 	return r;
+}
+
+/* `memory`: of the reader of the domain; `rest`: what else is free, up to `end`. */
+static int find_origins(struct hidden *h, const struct grid *grid, const struct pipe_origin *from, void *memory, uint8_t *rest,
+			const uint8_t *end, struct err *err)
+{
+	int r;
+
+	cut_judge_init(&h->judge, h->view);
+	r = read_region(h, grid, (uint8_t *)memory + PIPE_TRACE, err);
+	for (uint32_t i = 0; h->view->selected && i < h->n; i++)
+		h->origin[i].source = 0;
+	if (r || !h->view->selected || !from)
+		return r;
+	rest += -(uintptr_t)rest & (ALIGN_LINE - 1);
+	if (rest > end || (size_t)(end - rest) < grid_reader_bytes(from->grid))
+		return err_set(err, ERR_LIMIT, "the files of %u hidden positions cannot be looked up in the memory of a region",
+			       h->n);
+	h->from = from;
+	return read_region(h, from->grid, rest, err);
 }
 
 /* Hidden positions of the region, before their records are known. */
@@ -126,8 +166,6 @@ static void make_domain(const struct hidden *h, const int64_t k[3], struct mesh_
 		const int32_t at[3] = {h->best[i].x, h->best[i].y, h->best[i].z};
 
 		vertex[i] = (struct mesh_vertex){at[0], at[1], at[2]};
-		if (h->view->selected)
-			h->origin[i].source = 0;
 		for (unsigned a = 0; a < 3; a++) {
 			d->box[a] = at[a] < d->box[a] ? at[a] : d->box[a];
 			d->box[3 + a] = at[a] > d->box[3 + a] ? at[a] : d->box[3 + a];
@@ -137,7 +175,8 @@ static void make_domain(const struct hidden *h, const int64_t k[3], struct mesh_
 	d->own_digest = d->closed_digest;
 }
 
-int pipe_hidden(const struct grid *grid, const struct regular *w, void *memory, struct mesh_domain *d, struct err *err)
+int pipe_hidden(const struct grid *grid, const struct regular *w, const struct pipe_origin *from, void *memory,
+		struct mesh_domain *d, struct err *err)
 {
 	struct hidden h = {.view = w->view, .region = w->region};
 	struct mesh_vertex *vertex;
@@ -163,7 +202,8 @@ int pipe_hidden(const struct grid *grid, const struct regular *w, void *memory, 
 	if (h.n != w->hidden)
 		return err_set(err, ERR_INTERNAL, "%u hidden positions are there, %u were counted", h.n, w->hidden);
 	memset(h.origin, 0, h.n * sizeof *h.origin);
-	r = find_origins(&h, grid, memory, err);
+	/* The tables of the kernel are behind its arena. */
+	r = find_origins(&h, grid, from, memory, at, (const uint8_t *)w->memory + w->size, err);
 	if (!r)
 		make_domain(&h, grid_manifest(grid)->lattice.k, vertex, end, d);
 	return r;

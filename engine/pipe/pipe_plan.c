@@ -63,7 +63,10 @@ int pipe_plan_probe(const struct grid *grid, const struct view *view, const stru
 		return 0;
 	r = grid_reader_new(grid, memory, reader_size, &reader, err);
 	if (!r)
-		r = cut_plan_probe_rim(plan, reader, view, budget->cap, scratch, tri_bytes(budget->cap), err);
+		r = cut_plan_probe_rim(plan, reader, view, pipe_weight_cap(view, budget->cap), scratch, tri_bytes(budget->cap),
+				       err);
+	if (r == -ERR_LIMIT)
+		err->need = pipe_weight_need(view, err->need);
 	grid_reader_free(reader);
 	if (r)
 		cut_plan_done(plan);

@@ -21,6 +21,7 @@ struct mesh_counts;
 struct mesh_domain;
 struct pipe_budget;
 struct pipe_known;
+struct pipe_origin;
 struct regular;
 struct tri;
 struct view;
@@ -49,7 +50,11 @@ int pipe_domain_load(const struct grid *grid, const struct view *view, const str
 int pipe_weight(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 /* After the kernel of a region with weights: the domain of a view with `hidden`. Its counts are those of all that was loaded. */
-int pipe_hidden(const struct grid *grid, const struct regular *, void *memory, struct mesh_domain *ret, struct err *err);
+int pipe_hidden(const struct grid *grid, const struct regular *, const struct pipe_origin *, void *memory,
+		struct mesh_domain *ret, struct err *err);
+/* What a kernel of the view has of the arena; and of the arena for such a kernel. */
+uint32_t pipe_weight_cap(const struct view *, uint32_t cap);
+uint64_t pipe_weight_need(const struct view *, uint64_t need);
 /* No position has a greater weight. */
 int64_t pipe_weight_most(const struct grid *grid, const struct view *view);
 int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err);

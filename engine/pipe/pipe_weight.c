@@ -13,6 +13,16 @@
  * more positions, or as many as it has. */
 enum { TABLES = 12, SMALL = 32, MORE = 16384 };
 
+uint32_t pipe_weight_cap(const struct view *view, uint32_t cap)
+{
+	return view->nweight ? cap - cap / TABLES : cap;
+}
+
+uint64_t pipe_weight_need(const struct view *view, uint64_t need)
+{
+	return view->nweight ? need + need / (TABLES - 1) + 1 : need;
+}
+
 int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err)
 {
 	if (!view->nweight || !grid_lines(grid))
@@ -121,7 +131,7 @@ static int no_hidden(const struct regular *w, const struct cut_load *load, const
 		     struct mesh_domain *ret, struct err *err)
 {
 	*ret = (struct mesh_domain){.counts = load->counts};
-	return pipe_hidden(grid, w, memory, ret, err);
+	return pipe_hidden(grid, w, NULL, memory, ret, err);
 }
 
 /* The kernel's triangles become the domain. False: they do not fit. */
@@ -184,7 +194,7 @@ static int attempt(const struct grid *grid, const struct view *view, const struc
 	r = verify(w, grid, memory, ret_need, err);
 	if (!r && view->hidden) {
 		*ret = (struct mesh_domain){.counts = counts_of(w, &load)};
-		return pipe_hidden(grid, w, memory, ret, err);
+		return pipe_hidden(grid, w, known ? known->origin : NULL, memory, ret, err);
 	}
 	if (!r && !finish(w, &load, k, ret)) {
 		*ret_need = (uint64_t)w->n * 2;
@@ -197,12 +207,16 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
 	struct pipe_budget less = *budget;
-	struct regular w = {.view = view, .most = greatest(grid, view), .region = region};
+	struct regular w = {.view = view,
+			    .most = greatest(grid, view),
+			    .region = region,
+			    .progress = known ? known->progress : NULL,
+			    .progress_ctx = known ? known->ctx : NULL};
 	struct cut_trace *trace = &((struct pipe_trace *)memory)->trace;
 	uint8_t *tables, *end;
 	int r;
 
-	less.cap -= less.cap / TABLES;
+	less.cap = pipe_weight_cap(view, budget->cap);
 	tables = (uint8_t *)pipe_domain_arena(grid, memory) + align_line(tri_bytes(less.cap));
 	end = (uint8_t *)pipe_domain_arena(grid, memory) + tri_bytes(budget->cap);
 	w.weight = align_carve(&tables, less.cap);
@@ -213,12 +227,14 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 	/* Before it is too far, all the memory is tried. */
 	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL && w.tri)
 		r = attempt(grid, view, region, known, &less, less.cap, memory, &w, ret, ret_need, err);
+	/* The error names what the whole arena would need. */
+	if (r == PIPE_E_SPLIT)
+		*ret_need = pipe_weight_need(view, *ret_need);
 	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL && w.tri)
 		return too_far(w.n, *ret_need, err);
 	/* It needs more than its positions say. */
 	if (!r && trace->nrange)
 		trace->lines.cap = budget->cap;
-	/* The error names what the whole arena would need. */
 	if (r == PIPE_E_SPLIT && *ret_need <= budget->cap)
 		*ret_need = (uint64_t)budget->cap + 1;
 	return r;

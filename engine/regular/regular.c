@@ -5,16 +5,20 @@
  * P(B) of the positions without their weights is only where this begins: it is near what is needed, and found by the same search
  * as in a plain mesh. Nothing relies on it.
  *
- * Memory: 7 bits for each position of the capacity, and what is left in three parts: discs, points, triangles at positions that
- * may be hidden. A part that is full ends a batch; points beyond it wait for the next turn.
+ * Memory: 5 bits for each position of the capacity, and what is left in four parts: discs, points, triangles at positions that
+ * may be hidden, edges between cells at the border. The parts of points and edges are used where the kernel's arena is full.
+ * Discs that are too many become coarse boxes, edges that are too many end a batch; points beyond their part wait for the next
+ * turn.
  */
 #include "regular_priv.h"
 
 #include "align.h"
 #include "err.h"
 
-/* Half of the rest is for so many discs at least; a quarter each for points and triangles. */
-enum { DISCS_LEAST = REGULAR_GROUP };
+/* Of the rest a quarter is for so many groups of discs at least; half for edges at the border, an eighth each for points and
+ * triangles. There is room for as many groups without discs. */
+enum { GROUPS_LEAST = 1 };
+#define GROUP_BYTES (REGULAR_GROUP * sizeof(struct regular_disc) + 2 * (sizeof(struct regular_group) + sizeof(uint32_t)))
 
 static size_t bits_bytes(uint64_t n)
 {
@@ -23,12 +27,12 @@ static size_t bits_bytes(uint64_t n)
 
 static size_t fixed_bytes(uint32_t cap)
 {
-	return 3 * bits_bytes(2 * (uint64_t)cap) + bits_bytes(cap) + 7 * ALIGN_LINE;
+	return 2 * bits_bytes(2 * (uint64_t)cap) + bits_bytes(cap) + 8 * ALIGN_LINE;
 }
 
 size_t regular_bytes(uint32_t cap)
 {
-	return fixed_bytes(cap) + 2 * DISCS_LEAST * (sizeof(struct regular_disc) + sizeof(int32_t[4]));
+	return fixed_bytes(cap) + 4 * GROUPS_LEAST * GROUP_BYTES;
 }
 
 static void lay_out(struct regular_work *w)
@@ -39,18 +43,60 @@ static void lay_out(struct regular_work *w)
 
 	w->owned = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
 	w->watched = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
-	w->near = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
 	w->served = align_carve(&at, bits_bytes(cap));
-	w->mostdisc = (uint32_t)(left / 2 /
-				 (sizeof(struct regular_disc) + (sizeof(int32_t[4]) + sizeof(uint32_t)) / REGULAR_GROUP + 1));
-	w->mostdisc = w->mostdisc / REGULAR_GROUP * REGULAR_GROUP;
-	w->mostpoint = (uint32_t)(left / 4 / sizeof(struct point));
-	w->mostlist = (uint32_t)(left / 4 / sizeof(struct regular_candidate));
-	w->hit = align_carve(&at, w->mostdisc / REGULAR_GROUP * sizeof(*w->hit));
+	w->mostgroup = (uint32_t)(left / 4 / GROUP_BYTES);
+	w->mostdisc = w->mostgroup * REGULAR_GROUP;
+	w->mostgroup *= 2;
+	w->least_points = (uint32_t)(left / 8 / sizeof(struct point));
+	w->mostlist = (uint32_t)(left / 8 / sizeof(struct regular_candidate));
+	w->least_cross = (uint32_t)(left / 2 / sizeof(struct regular_cross));
+	w->hit = align_carve(&at, w->mostgroup * sizeof(*w->hit));
 	w->disc = align_carve(&at, w->mostdisc * sizeof(*w->disc));
-	w->group = align_carve(&at, w->mostdisc / REGULAR_GROUP * sizeof(*w->group));
-	w->point = align_carve(&at, w->mostpoint * sizeof(*w->point));
+	w->group = align_carve(&at, w->mostgroup * sizeof(*w->group));
+	w->few_cross = align_carve(&at, w->least_cross * sizeof(*w->few_cross));
+	w->few_points = align_carve(&at, w->least_points * sizeof(*w->few_points));
 	w->list = align_carve(&at, w->mostlist * sizeof(*w->list));
+}
+
+/* Points and edges have the part of the kernel's arena that is free, if it is more. As many points as can be added are at its
+ * end: no triangle of those that were added reaches the ones that are left. */
+static void borrow(struct regular_work *w)
+{
+	uint8_t *room = tri_regular_room(&w->tri);
+	uint32_t points = w->c->cap - w->r.nvertex;
+	size_t rest = points * (TRI_REGULAR_EACH - sizeof(struct point));
+
+	w->point = w->few_points;
+	w->mostpoint = w->least_points;
+	if (points > w->mostpoint) {
+		w->point = (struct point *)(room + rest);
+		w->mostpoint = points;
+	}
+	w->cross = w->few_cross;
+	w->mostcross = w->least_cross;
+	if (rest / sizeof(struct regular_cross) > w->mostcross) {
+		w->cross = (struct regular_cross *)room;
+		w->mostcross = (uint32_t)(rest / sizeof(struct regular_cross));
+	}
+	if (w->c->few) {
+		w->mostcross = w->mostcross < w->c->few ? w->mostcross : w->c->few;
+		w->mostdisc = w->mostdisc < w->c->few ? w->mostdisc : w->c->few;
+		w->mostpoint = w->mostpoint < w->c->few + 4 ? w->mostpoint : w->c->few + 4;
+	}
+}
+
+int regular_progress(struct regular_work *w, uint32_t steps)
+{
+	w->steps += steps;
+	if (w->steps < REGULAR_STEPS)
+		return 0;
+	w->steps = 0;
+	return w->c->progress && w->c->progress(w->c->progress_ctx) ? regular_cancelled(w) : 0;
+}
+
+int regular_cancelled(struct regular_work *w)
+{
+	return err_set(w->err, ERR_CANCELLED, "the triangulation with weights was cancelled");
 }
 
 /* ---- what was loaded ---- */
@@ -64,10 +110,13 @@ static int add_points(struct regular_work *w, uint64_t *ret_need)
 		return REGULAR_E_SPLIT;
 	}
 	for (uint32_t i = 0; i < w->npoint; i++) {
-		const struct point *p = &w->point[i];
-		const struct mesh_vertex v = {p->x, p->y, p->z};
-		uint8_t weight = view_weight_of(w->c->view, p);
+		const struct point p = w->point[i];
+		const struct mesh_vertex v = {p.x, p.y, p.z};
+		uint8_t weight = view_weight_of(w->c->view, &p);
+		int rc = regular_progress(w, 1);
 
+		if (rc)
+			return rc;
 		tri_regular_add(&w->tri, &v, &weight, 1);
 	}
 	w->c->added += w->npoint;
@@ -85,6 +134,7 @@ static int turns(struct regular_work *w, uint64_t *ret_need)
 		int rc;
 
 		w->limit = UINT64_MAX;
+		borrow(w);
 		rc = regular_watch(w, first);
 		w->c->turns++;
 		if (rc || !w->npoint || w->c->not_verified)
@@ -98,33 +148,6 @@ static int turns(struct regular_work *w, uint64_t *ret_need)
 }
 
 /* ---- the result ---- */
-
-/* Whether the ray outwards from the hull edge a, b ends in the region: as cut_region_owns_hull, but for the place of the ray. */
-static bool owns_hull(const struct regular_work *w, struct geom_weighted a, struct geom_weighted b)
-{
-	int64_t to[2] = {(int64_t)a.at[1] - b.at[1], (int64_t)b.at[0] - a.at[0]};
-
-	for (unsigned axis = 0; axis < 2; axis++) {
-		int64_t lower = w->box[axis], upper = w->box[axis + 2], far = (int64_t)b.at[axis] - a.at[axis];
-		geom_i128 rise;
-
-		if (to[axis] > 0 ? upper != INT64_MAX : to[axis] < 0 && lower != INT64_MIN)
-			return false;
-		if (to[axis])
-			continue;
-		/* The ray is at a + rise / (2 far). */
-		rise = (geom_i128)far * far - b.w + a.w;
-		rise += 2 * (geom_i128)far * a.at[axis];
-		if (far < 0) {
-			rise = -rise;
-			far = -far;
-		}
-		if ((lower != INT64_MIN && rise <= (geom_i128)lower * far) ||
-		    (upper != INT64_MAX && rise > (geom_i128)upper * far))
-			return false;
-	}
-	return true;
-}
 
 static void choose_taken(struct regular_work *w)
 {
@@ -156,8 +179,7 @@ static void choose(struct regular_work *w)
 		if (!tri_regular_used(t))
 			continue;
 		if (ghost < 3)
-			c->nhull += owns_hull(w, regular_vertex(w, t->corner[(ghost + 1) % 3]),
-					      regular_vertex(w, t->corner[(ghost + 2) % 3]));
+			c->nhull += regular_owns_hull(w, i, ghost);
 		/* The triangles behind it take the places of unused ones. */
 		regular_set(w->owned, n++, ghost == 3 && regular_bit(w->owned, i));
 		for (unsigned k = 0; k < 3; k++)
@@ -174,7 +196,8 @@ static void choose(struct regular_work *w)
 
 int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
 {
-	struct regular_work w = {.c = c, .err = err, .tri = {.tri = c->tri, .weight = w.weight}};
+	struct regular_work w = {
+		.c = c, .err = err, .tri = {.tri = c->tri, .weight = w.weight, .progress = c->progress, .ctx = c->progress_ctx}};
 	int rc;
 
 	c->chosen = NULL;

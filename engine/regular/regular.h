@@ -42,6 +42,10 @@ struct regular {
 	void *memory;            /* aligned to 8 */
 	size_t size;             /* at least regular_bytes(cap) */
 	struct cut_trace *trace; /* of P(B); gets what the region depends on. Not of an area; may be NULL */
+	/* Called every few milliseconds; non-zero cancels (-ERR_CANCELLED). May be NULL. */
+	int (*progress)(void *ctx);
+	void *progress_ctx;
+	uint32_t few; /* for tests: edges of a batch, and discs, at most, and four points more; 0: as there is room */
 	/* for tests: P(B) alone; only what is in the region and on its borders is verified; the trace stays that of P(B) */
 	bool not_verified, no_hull, less_trace;
 	/* results, for finish.h */

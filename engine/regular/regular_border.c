@@ -128,14 +128,8 @@ bool regular_border_meets(const struct regular_work *w, unsigned i, uint32_t a, 
 	       (d == TRI_GHOST || turn(border, v[0], v[1], regular_vertex(w, d)) >= 0);
 }
 
-bool regular_border_below(const struct regular_work *w, unsigned i, uint32_t a, uint32_t b, struct geom_weighted p)
-{
-	struct geom_weighted v[2];
-
-	return order(w, &w->border[i], a, b, v) && turn(&w->border[i], v[0], v[1], p) <= 0;
-}
-
-void regular_border_place(const struct regular_work *w, unsigned i, uint32_t a, uint32_t b, double ret[2])
+/* From a, the place of the edge. */
+static void place(const struct regular_work *w, unsigned i, uint32_t a, uint32_t b, double ret[2])
 {
 	const struct regular_border *border = &w->border[i];
 	struct geom_weighted p = regular_vertex(w, a), q = regular_vertex(w, b);
@@ -146,6 +140,95 @@ void regular_border_place(const struct regular_work *w, unsigned i, uint32_t a, 
 	/* From a, the place u has |b|^2 - 2 u b = wb - wa. */
 	ret[border->axis] = (double)off / 2;
 	ret[!border->axis] = (double)(geom_power_lift(along, across, q.w - p.w) - (geom_i128)off * across) / (2 * (double)along);
+}
+
+_Static_assert(TRI_MAX_POINTS <= 1u << 30, "a number of a vertex leaves room for the side");
+
+static uint64_t key_of(unsigned i, int32_t along)
+{
+	return (uint64_t)i << 32 | ((uint32_t)along ^ 0x80000000u);
+}
+
+static uint64_t key(const struct regular_cross *c)
+{
+	return key_of(c->side_a & 3, c->at);
+}
+
+int regular_border_add(struct regular_work *w, unsigned i, uint32_t a, uint32_t b)
+{
+	unsigned along = !w->border[i].axis;
+	bool swap = w->r.xy[a][along] > w->r.xy[b][along];
+	uint32_t first = swap ? b : a;
+	double u[2];
+
+	place(w, i, a, b, u);
+	regular_disc_add(w, a, u);
+	w->cross[w->ncross++] = (struct regular_cross){w->r.xy[first][along], first << 2 | i, swap ? a : b};
+	return w->ncross == w->mostcross ? regular_read(w) : 0;
+}
+
+static void sift(struct regular_cross *c, uint32_t n, uint32_t at)
+{
+	struct regular_cross moved = c[at];
+
+	for (uint32_t child = 2 * at + 1; child < n; child = 2 * at + 1) {
+		child += child + 1 < n && key(&c[child + 1]) > key(&c[child]);
+		if (key(&c[child]) <= key(&moved))
+			break;
+		c[at] = c[child];
+		at = child;
+	}
+	c[at] = moved;
+}
+
+/* The edges from `from` on that are below the key are before the returned one. */
+static uint32_t first_at(const struct regular_work *w, uint32_t from, uint64_t from_key)
+{
+	uint32_t low = from, high = w->ncross;
+
+	while (low < high) {
+		uint32_t middle = low + (high - low) / 2;
+
+		if (key(&w->cross[middle]) < from_key)
+			low = middle + 1;
+		else
+			high = middle;
+	}
+	return low;
+}
+
+void regular_border_sort(struct regular_work *w)
+{
+	for (uint32_t i = w->ncross / 2; i-- > 0;)
+		sift(w->cross, w->ncross, i);
+	for (uint32_t n = w->ncross; n-- > 1;) {
+		struct regular_cross last = w->cross[n];
+
+		w->cross[n] = w->cross[0];
+		w->cross[0] = last;
+		sift(w->cross, n, 0);
+	}
+	w->side[0] = 0;
+	for (unsigned i = 1; i <= w->nborder; i++)
+		w->side[i] = first_at(w, w->side[i - 1], key_of(i, INT32_MIN));
+}
+
+/*
+ * Along a side the power of a position less the least one is convex: its slope is that of u of the cell that is there, less u of
+ * the position. So it is least at the last edge that begins before the position's u, or at an end of the side. Equal beginnings
+ * are at one place. Of the edges that are read at one time any can be that edge; the other ones are not below.
+ */
+bool regular_border_below(const struct regular_work *w, struct geom_weighted p)
+{
+	for (unsigned i = 0; i < w->nborder; i++) {
+		int32_t along = p.at[!w->border[i].axis];
+		uint32_t end = first_at(w, w->side[i], key_of(i, along));
+		const struct regular_cross *c = &w->cross[end - 1];
+
+		if (end > w->side[i] && turn(&w->border[i], regular_vertex(w, c->side_a >> 2), regular_vertex(w, c->b), p) <= 0)
+			return true;
+	}
+	return false;
 }
 
 bool regular_border_ends(const struct regular_work *w, struct geom_weighted p)
@@ -178,4 +261,33 @@ bool regular_border_ends_box(const struct regular_work *w, const int32_t box[4])
 			return true;
 	}
 	return false;
+}
+
+/* As cut_region_owns_hull, but for the place of the ray. */
+bool regular_owns_hull(const struct regular_work *w, uint32_t i, unsigned ghost)
+{
+	const uint32_t *c = w->r.triangle[i].corner;
+	const struct geom_weighted a = regular_vertex(w, c[(ghost + 1) % 3]), b = regular_vertex(w, c[(ghost + 2) % 3]);
+	int64_t to[2] = {(int64_t)a.at[1] - b.at[1], (int64_t)b.at[0] - a.at[0]};
+
+	for (unsigned axis = 0; axis < 2; axis++) {
+		int64_t lower = w->box[axis], upper = w->box[axis + 2], far = (int64_t)b.at[axis] - a.at[axis];
+		geom_i128 rise;
+
+		if (to[axis] > 0 ? upper != INT64_MAX : to[axis] < 0 && lower != INT64_MIN)
+			return false;
+		if (to[axis])
+			continue;
+		/* The ray is at a + rise / (2 far). */
+		rise = (geom_i128)far * far - b.w + a.w;
+		rise += 2 * (geom_i128)far * a.at[axis];
+		if (far < 0) {
+			rise = -rise;
+			far = -far;
+		}
+		if ((lower != INT64_MIN && rise <= (geom_i128)lower * far) ||
+		    (upper != INT64_MAX && rise > (geom_i128)upper * far))
+			return false;
+	}
+	return true;
 }

@@ -110,9 +110,12 @@ int regular_flat_run(struct regular_work *w, uint64_t *ret_need)
 	uint32_t n = w->c->n;
 
 	w->c->flat = false;
-	while (tri_regular_run(&w->tri, n, w->c->weight) == TRI_E_FLAT) {
+	for (;;) {
 		struct nearest near = {.w = w};
-		int rc;
+		int rc = tri_regular_run(&w->tri, n, w->c->weight);
+
+		if (rc != TRI_E_FLAT)
+			return rc ? regular_cancelled(w) : 0;
 
 		tri_result(w->c->tri, &w->r);
 		near.a = n > 0 ? w->r.xy[0] : NULL;
@@ -133,5 +136,4 @@ int regular_flat_run(struct regular_work *w, uint64_t *ret_need)
 		w->c->added++;
 		n++;
 	}
-	return 0;
 }

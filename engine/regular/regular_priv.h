@@ -12,8 +12,9 @@
 #include "regular.h"
 
 enum {
-	REGULAR_GROUP = 16,   /* discs under one box */
-	REGULAR_GHOSTS = 512, /* half planes of a batch; all that is outside counts if there are more */
+	REGULAR_GROUP = 16,      /* discs under one box */
+	REGULAR_STEPS = 1 << 15, /* between two calls of `progress`: each takes well below a microsecond */
+	REGULAR_GHOSTS = 512,    /* half planes of a batch; all that is outside counts if there are more */
 };
 
 /* A finite side of the region. A height on it is that of algorithm.md 4, less the weight. */
@@ -38,11 +39,27 @@ struct regular_disc {
 	double more;
 };
 
+/* Boxes of discs: of what any position must be in, and one without weight. */
+struct regular_group {
+	int32_t box[4], bare[4];
+};
+
+/* An edge between the cells of a and b that meets a side of the region. */
+struct regular_cross {
+	int32_t at;      /* the place of a along the side, which is before that of b */
+	uint32_t side_a; /* four times a, and the side */
+	uint32_t b;
+};
+
 /* A triangle at a position of the region that has no owned one. */
 struct regular_candidate {
 	uint32_t vertex, triangle;
 	double size;
 };
+
+/* What is verified: triangles of the region, and its border; places at which positions of the region are visible; triangles of an
+ * area. */
+enum regular_step { REGULAR_REGION, REGULAR_PLACES, REGULAR_AREA };
 
 struct regular_work {
 	struct regular *c;
@@ -59,23 +76,31 @@ struct regular_work {
 	unsigned nborder;
 	struct regular_corner corner[4];
 	unsigned ncorner;
-	/* Bits of triangles: owned, of all turns; watched: a position in conflict with it is loaded; near: an edge of its cell
-	 * crosses a border. And bits of vertices. */
-	uint64_t *owned, *watched, *near, *served;
+	/* Bits of triangles: owned, of all turns; watched: a position in conflict with it is loaded. And bits of vertices. */
+	uint64_t *owned, *watched, *served;
+	/* The first groups have no discs any more. */
 	struct regular_disc *disc;
-	int32_t (*group)[4]; /* boxes */
-	uint32_t ndisc, mostdisc;
+	struct regular_group *group;
+	uint32_t ndisc, mostdisc, nwhole, mostgroup;
 	uint32_t *hit, nhit; /* groups that meet the cell that is read */
-	bool beyond;         /* half planes, or ends of borders, meet it */
+	/* Of each border; sorted when cells are read, with the first one of each. */
+	struct regular_cross *cross;
+	uint32_t ncross, mostcross, side[5];
+	bool beyond; /* half planes, or ends of borders, meet it */
 	uint32_t ghost[REGULAR_GHOSTS], nghost;
 	bool all_outside;
-	bool all; /* the border is verified, too */
+	enum regular_step step;
 	struct regular_candidate *list;
 	uint32_t mostlist;
 	struct point *point; /* that are loaded in this turn */
 	uint32_t npoint, mostpoint;
+	/* Of cross and point: what there is in any case. */
+	struct regular_cross *few_cross;
+	struct point *few_points;
+	uint32_t least_cross, least_points;
 	struct cut_cover cover; /* of the trace */
 	uint64_t limit;         /* the key from which on points are not taken in this turn; UINT64_MAX: all are */
+	uint32_t steps;         /* since the last call of `progress` */
 };
 
 static inline bool regular_bit(const uint64_t *bits, uint32_t i)
@@ -101,13 +126,17 @@ void regular_border_init(struct regular_work *);
 void regular_border_survey(struct regular_work *); /* corners and ends, from all vertices */
 /* Whether the edge between the cells of a and b, beside which are those of c and d (TRI_GHOST: none), meets border i. */
 bool regular_border_meets(const struct regular_work *, unsigned i, uint32_t a, uint32_t b, uint32_t c, uint32_t d);
-/* Whether a position has at most the power of a and b where that edge meets border i. */
-bool regular_border_below(const struct regular_work *, unsigned i, uint32_t a, uint32_t b, struct geom_weighted);
-/* That place, from a. */
-void regular_border_place(const struct regular_work *, unsigned i, uint32_t a, uint32_t b, double ret[2]);
+/* Adds that edge, and its place; reads what was added if there is no room for more. */
+int regular_border_add(struct regular_work *, unsigned i, uint32_t a, uint32_t b);
+void regular_border_sort(struct regular_work *);
+/* Whether a position has at most the power of a and b where one of these edges meets the border. */
+bool regular_border_below(const struct regular_work *, struct geom_weighted);
 /* Whether it has at most the least power at a corner, or is at least as far along a border to an infinite end. */
 bool regular_border_ends(const struct regular_work *, struct geom_weighted);
 bool regular_border_ends_box(const struct regular_work *, const int32_t box[4]); /* for infinite ends */
+
+/* Whether the ray outwards from the hull edge of a triangle, with TRI_GHOST at that corner, ends in the region. */
+bool regular_owns_hull(const struct regular_work *, uint32_t triangle, unsigned ghost);
 
 /* Whether all positions in the box are in the region, or area, and were loaded. */
 bool regular_in_region(const struct regular_work *, const int32_t box[4]);
@@ -115,10 +144,21 @@ bool regular_in_region(const struct regular_work *, const int32_t box[4]);
 /* regular_watch.c: verifies all, or with `first`, after vertices from there on were added, what more may be hidden. */
 int regular_watch(struct regular_work *, uint32_t first);
 
-/* regular_read.c: discs and half planes, and the cells that meet them. */
+/* After so many steps; -ERR_CANCELLED. */
+int regular_progress(struct regular_work *, uint32_t steps);
+int regular_cancelled(struct regular_work *); /* the error */
+
+/* regular_disc.c: discs, in groups. Discs that do not fit are replaced by the boxes of their groups; those of places are read. */
 void regular_disc_box(const struct regular_disc *, int32_t ret[4]);
 /* Vertex a, and the centre from there. */
 int regular_disc_add(struct regular_work *, uint32_t a, const double u[2]);
+/* Whether it has a position, or nearly has it. */
+bool regular_disc_holds(const struct regular_disc *, int64_t most, struct geom_weighted);
+uint32_t regular_disc_groups(const struct regular_work *);
+/* Whether a group can have a position of the box, in which weights are less than the greatest by at least `lack`. */
+bool regular_disc_meets(const struct regular_work *, uint32_t group, const int32_t box[4], double lack);
+
+/* regular_read.c: half planes, and the cells that meet them or discs. */
 void regular_ghost_add(struct regular_work *, uint32_t triangle);
 int regular_read(struct regular_work *);    /* what has been added */
 void regular_reduce(struct regular_work *); /* the points of this turn: one record for each position, in Morton order */

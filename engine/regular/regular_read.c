@@ -1,55 +1,14 @@
 /*
  * Reads the cells that can have positions of less power than what is watched, and takes those positions. Discs and half planes
- * choose the cells, in doubles that err towards reading. Whether a position is taken is exact, and depends on the triangulation,
+ * choose the cells, and err towards reading. Whether a position is taken is exact, and depends on the triangulation,
  * the watched triangles and the position alone: it is in conflict with a watched triangle, or has at most the least power
  * somewhere on the border. It is then visible, so no vertex has its position.
  */
 #include "cut_order.h"
 #include "regular_priv.h"
 
-#define SLACK CUT_DISC_SLACK
-
-void regular_disc_box(const struct regular_disc *d, int32_t ret[4])
-{
-	const double u[2] = {d->disc.ux, d->disc.uy}, square = u[0] * u[0] + u[1] * u[1];
-	double inside = square + d->more, radius;
-
-	inside = (inside > 0 ? inside : 0) + SLACK * (square + fabs(d->more));
-	radius = sqrt(inside) * (1 + 0x1p-40) + 1 + 0x1p-40 * (fabs(u[0]) + fabs(u[1]));
-	for (unsigned k = 0; k < 2; k++) {
-		double low = d->disc.a[k] + u[k] - radius, high = d->disc.a[k] + u[k] + radius;
-
-		ret[k] = low <= INT32_MIN ? INT32_MIN : low >= INT32_MAX ? INT32_MAX : (int32_t)floor(low);
-		ret[2 + k] = high >= INT32_MAX ? INT32_MAX : high <= INT32_MIN ? INT32_MIN : (int32_t)ceil(high);
-	}
-}
-
-static bool boxes_meet(const int32_t a[4], const int32_t b[4])
-{
-	return a[0] <= b[2] && a[1] <= b[3] && a[2] >= b[0] && a[3] >= b[1];
-}
-
-/* `lack`: by how much the weights in the box are less than the greatest, for which the disc is. */
-static bool disc_meets(const struct regular_disc *d, const int32_t box[4], double lack)
-{
-	double slack, value = cut_disc_value(&d->disc, box, &slack);
-
-	return value <= d->more - lack + SLACK * (slack + fabs(d->more) + lack);
-}
-
-int regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
-{
-	struct regular_disc *d = &w->disc[w->ndisc];
-	int32_t box[4], *group = w->group[w->ndisc / REGULAR_GROUP];
-
-	*d = (struct regular_disc){{w->r.xy[a], u[0], u[1]}, (double)(w->most - regular_vertex(w, a).w)};
-	regular_disc_box(d, box);
-	if (w->ndisc % REGULAR_GROUP == 0)
-		memcpy(group, box, sizeof(box));
-	point_box_join(group, box);
-	regular_trace_disc(w, a, u);
-	return ++w->ndisc == w->mostdisc ? regular_read(w) : 0;
-}
+/* What a point costs beside one step: groups of discs for another one; the search for triangles in conflict. */
+enum { STEPS_HIT = 8, STEPS_SEARCH = 16 };
 
 void regular_ghost_add(struct regular_work *w, uint32_t triangle)
 {
@@ -78,27 +37,12 @@ static bool ghost_meets(const struct regular_work *w, uint32_t triangle, const i
 /* Whether a position beyond the hull, or far along a border, can be in the box. */
 static bool beyond_meets(const struct regular_work *w, const int32_t box[4])
 {
-	if (w->all_outside || (w->all && regular_border_ends_box(w, box)))
+	if (w->all_outside || (w->step == REGULAR_REGION && regular_border_ends_box(w, box)))
 		return true;
 	for (uint32_t i = 0; i < w->nghost; i++)
 		if (ghost_meets(w, w->ghost[i], box))
 			return true;
 	return false;
-}
-
-static bool group_meets(const struct regular_work *w, uint32_t group, const int32_t box[4], double lack)
-{
-	if (!boxes_meet(w->group[group], box))
-		return false;
-	for (uint32_t i = group * REGULAR_GROUP; i < w->ndisc && i < (group + 1) * REGULAR_GROUP; i++)
-		if (disc_meets(&w->disc[i], box, lack))
-			return true;
-	return false;
-}
-
-static uint32_t groups(const struct regular_work *w)
-{
-	return (w->ndisc + REGULAR_GROUP - 1) / REGULAR_GROUP;
 }
 
 static double lack_of(const struct regular_work *w, const struct grid_cell *cell)
@@ -110,40 +54,35 @@ static bool cell_matters(const struct regular_work *w, const struct grid_cell *c
 {
 	double lack = lack_of(w, cell);
 
-	for (uint32_t i = 0; i < groups(w); i++)
-		if (group_meets(w, i, cell->box, lack))
+	for (uint32_t i = 0; i < regular_disc_groups(w); i++)
+		if (regular_disc_meets(w, i, cell->box, lack))
 			return true;
 	return beyond_meets(w, cell->box);
 }
 
 /* ---- positions ---- */
 
-struct visit {
-	const struct regular_work *w;
-	struct geom_weighted p;
-};
-
-static bool conflict_matters(void *ctx, uint32_t i)
+static bool is_watched(void *ctx, uint32_t triangle)
 {
-	const struct visit *v = ctx;
-	const struct regular_work *w = v->w;
-	const struct tri_triangle *t = &w->r.triangle[i];
+	const struct regular_work *w = ctx;
 
-	if (regular_bit(w->watched, i))
-		return true;
-	if (!regular_bit(w->near, i))
-		return false;
-	for (unsigned k = 0; k < 3; k++) {
-		uint32_t a = t->corner[(k + 1) % 3], b = t->corner[(k + 2) % 3], link = t->link[k];
-		uint32_t d = w->r.triangle[link >> 3].corner[(link & 6) >> 1];
+	return regular_bit(w->watched, triangle);
+}
 
-		if (a == TRI_GHOST || b == TRI_GHOST)
-			continue;
-		for (unsigned side = 0; side < w->nborder; side++)
-			if (regular_border_below(w, side, a, b, v->p) && regular_border_meets(w, side, a, b, t->corner[k], d))
-				return true;
-	}
-	return false;
+/*
+ * Whether a position, which is near a disc, is in conflict with a watched triangle, or has at most the least power somewhere on
+ * the border. If it has not on the border, its cell is in the region or outside of it as a whole, and so are the centres of all
+ * triangles in conflict: the one around the position is as good as any. Places are the centres of their discs: what is in one,
+ * matters.
+ */
+static bool matters(struct regular_work *w, struct geom_weighted p)
+{
+	uint32_t around;
+
+	if (w->step == REGULAR_AREA)
+		return tri_regular_search(&w->tri, p, is_watched, w);
+	return tri_regular_around(&w->tri, p, &around) && (w->step == REGULAR_PLACES || regular_bit(w->watched, around) ||
+							   regular_border_ends(w, p) || regular_border_below(w, p));
 }
 
 /* Most positions of a cell are in no disc. */
@@ -152,16 +91,9 @@ static bool near_discs(const struct regular_work *w, struct geom_weighted p)
 	const int32_t box[4] = {p.at[0], p.at[1], p.at[0], p.at[1]};
 
 	for (uint32_t i = 0; i < w->nhit; i++)
-		if (group_meets(w, w->hit[i], box, (double)(w->most - p.w)))
+		if (regular_disc_meets(w, w->hit[i], box, (double)(w->most - p.w)))
 			return true;
 	return w->beyond;
-}
-
-static bool always(void *ctx, uint32_t i)
-{
-	(void)ctx;
-	(void)i;
-	return true;
 }
 
 static bool point_before(const void *ctx, const struct point *a, const struct point *b)
@@ -210,17 +142,19 @@ static bool is_inside(const struct regular_work *w, int32_t x, int32_t y)
 static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct regular_work *w = ctx;
+	uint32_t steps = 1 + w->nhit / STEPS_HIT + (w->step == REGULAR_AREA ? STEPS_SEARCH : 0);
 
 	(void)err;
 	w->c->points_read += n;
 	for (size_t i = 0; i < n; i++) {
 		const struct point *p = &pts[i];
 		const int32_t at[2] = {p->x, p->y};
-		struct visit v = {w, {at, w->weight[view_weight_of(w->c->view, p)]}};
+		const struct geom_weighted v = {at, w->weight[view_weight_of(w->c->view, p)]};
+		int rc = regular_progress(w, steps);
 
-		if (!near_discs(w, v.p) || is_inside(w, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
-			continue;
-		if (!tri_regular_search(&w->tri, v.p, w->all && regular_border_ends(w, v.p) ? always : conflict_matters, &v))
+		if (rc)
+			return rc;
+		if (!near_discs(w, v) || is_inside(w, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT || !matters(w, v))
 			continue;
 		if (w->npoint == w->mostpoint)
 			make_room(w);
@@ -252,14 +186,18 @@ static int read_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct regular_work *w = ctx;
 	double lack;
+	int rc;
 
 	if (!cell->count || is_own(w, cell))
 		return 0;
+	rc = regular_progress(w, 1 + regular_disc_groups(w));
+	if (rc)
+		return rc;
 	lack = lack_of(w, cell);
 	w->beyond = beyond_meets(w, cell->box);
 	w->nhit = 0;
-	for (uint32_t i = 0; i < groups(w); i++)
-		if (group_meets(w, i, cell->box, lack))
+	for (uint32_t i = 0; i < regular_disc_groups(w); i++)
+		if (regular_disc_meets(w, i, cell->box, lack))
 			w->hit[w->nhit++] = i;
 	if (!w->nhit && !w->beyond)
 		return 0;
@@ -270,9 +208,11 @@ static int read_cell(void *ctx, const struct grid_cell *cell)
 int regular_read(struct regular_work *w)
 {
 	const struct grid_visitor v = {.ctx = w, .segment = enter, .enter = enter, .cell = read_cell};
-	int rc = w->c->src->walk(w->c->src->ctx, 0, UINT64_MAX, &v, w->err);
+	int rc;
 
-	w->ndisc = w->nghost = 0;
+	regular_border_sort(w);
+	rc = w->c->src->walk(w->c->src->ctx, 0, UINT64_MAX, &v, w->err);
+	w->ndisc = w->nwhole = w->ncross = w->nghost = 0;
 	w->all_outside = false;
 	return rc;
 }

@@ -74,21 +74,27 @@ bool regular_in_region(const struct regular_work *w, const int32_t box[4])
 	       2 * (int64_t)box[3] < w->box[3];
 }
 
-static int watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
+/* A disc that is not in the region. */
+static int watch_place(struct regular_work *w, uint32_t a, const double u[2])
 {
-	const uint32_t *c = w->r.triangle[i].corner;
-	const struct regular_disc d = {{w->r.xy[c[0]], u[0], u[1]}, (double)(w->most - regular_vertex(w, c[0]).w)};
+	const struct regular_disc d = {{w->r.xy[a], u[0], u[1]}, (double)(w->most - regular_vertex(w, a).w)};
 	int32_t box[4];
 
-	regular_set(w->watched, i, true);
 	regular_disc_box(&d, box);
 	if (!regular_in_region(w, box))
-		return regular_disc_add(w, c[0], u);
-	regular_trace_disc(w, c[0], u);
+		return regular_disc_add(w, a, u);
+	regular_trace_disc(w, a, u);
 	return 0;
 }
 
-/* The edges of a triangle that is not owned, or of a ghost. Between two owned ones no edge of cells meets the border. */
+static int watch_triangle(struct regular_work *w, uint32_t i, const double u[2])
+{
+	regular_set(w->watched, i, true);
+	return watch_place(w, w->r.triangle[i].corner[0], u);
+}
+
+/* The edges of a triangle that is not owned, or of a ghost, each once. Between two owned ones no edge of cells meets the border.
+ */
 static int watch_edges(struct regular_work *w, uint32_t i)
 {
 	const struct tri_triangle *t = &w->r.triangle[i];
@@ -98,18 +104,11 @@ static int watch_edges(struct regular_work *w, uint32_t i)
 		uint32_t a = t->corner[(k + 1) % 3], b = t->corner[(k + 2) % 3], link = t->link[k];
 		uint32_t d = w->r.triangle[link >> 3].corner[(link & 6) >> 1];
 
-		if (a == TRI_GHOST || b == TRI_GHOST)
+		if (a == TRI_GHOST || b == TRI_GHOST || (link >> 3 < i && !regular_bit(w->owned, link >> 3)))
 			continue;
-		for (unsigned side = 0; !rc && side < w->nborder; side++) {
-			double u[2];
-
-			if (!regular_border_meets(w, side, a, b, t->corner[k], d))
-				continue;
-			regular_set(w->near, i, true);
-			regular_set(w->near, link >> 3, true);
-			regular_border_place(w, side, a, b, u);
-			rc = regular_disc_add(w, a, u);
-		}
+		for (unsigned side = 0; !rc && side < w->nborder; side++)
+			if (regular_border_meets(w, side, a, b, t->corner[k], d))
+				rc = regular_border_add(w, side, a, b);
 	}
 	return rc;
 }
@@ -141,7 +140,7 @@ static int watch_all(struct regular_work *w)
 {
 	int rc = 0;
 
-	w->all = true;
+	w->step = REGULAR_REGION;
 	regular_border_survey(w);
 	for (unsigned i = 0; i < w->ncorner && !rc; i++) {
 		const struct regular_corner *c = &w->corner[i];
@@ -151,8 +150,10 @@ static int watch_all(struct regular_work *w)
 				      (const double[2]){(double)(c->at[0] - 2 * (int64_t)at[0]) / 2,
 							(double)(c->at[1] - 2 * (int64_t)at[1]) / 2});
 	}
-	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++)
-		rc = watch_one(w, i);
+	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
+		rc = regular_progress(w, 1);
+		rc = rc ? rc : watch_one(w, i);
+	}
 	return rc ? rc : regular_read(w);
 }
 
@@ -163,16 +164,18 @@ static int watch_area(struct regular_work *w)
 	const struct regular_area *area = w->c->area;
 	int rc = 0;
 
+	w->step = REGULAR_AREA;
 	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
 		const uint32_t *c = w->r.triangle[i].corner;
 		double u[2];
 
+		rc = regular_progress(w, 1);
 		if (!tri_regular_used(&w->r.triangle[i]) || regular_ghost_at(&w->r.triangle[i]) < 3 ||
 		    !area->meets(area->ctx, w->r.xy[c[0]], w->r.xy[c[1]], w->r.xy[c[2]]))
 			continue;
 		regular_set(w->owned, i, true);
 		centre(w, c, u);
-		rc = watch_triangle(w, i, u);
+		rc = rc ? rc : watch_triangle(w, i, u);
 	}
 	return rc ? rc : regular_read(w);
 }
@@ -195,12 +198,87 @@ static void find_owned(struct regular_work *w, uint32_t first)
 
 /* ---- positions that may be hidden ---- */
 
+/* Whether another position has at most the power of the first one at its place. */
+static bool is_under(struct geom_weighted p, struct geom_weighted q)
+{
+	const int64_t x = (int64_t)q.at[0] - p.at[0], y = (int64_t)q.at[1] - p.at[1];
+
+	return q.w > p.w && geom_power_lift(x, y, q.w - p.w) <= 0;
+}
+
+/* Positions of the region are served if they are certainly in the mesh: what they have of the region in their cells is exact.
+ * That can be their place, the centre of an owned triangle, or the end of a ray. */
 static void serve(struct regular_work *w)
 {
-	memset(w->served, 0, ((size_t)w->r.nvertex + 63) / 64 * sizeof(*w->served));
-	for (uint32_t i = 0; i < w->r.ntriangle; i++)
-		for (unsigned k = 0; k < 3 && regular_bit(w->owned, i); k++)
-			regular_set(w->served, w->r.triangle[i].corner[k], true);
+	memset(w->served, 0xff, ((size_t)w->r.nvertex + 63) / 64 * sizeof(*w->served));
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		const uint32_t *c = w->r.triangle[i].corner;
+
+		for (unsigned k = 0; k < 3 && !regular_bit(w->owned, i); k++) {
+			uint32_t from = c[k], to = c[(k + 1) % 3];
+
+			if (from == TRI_GHOST || to == TRI_GHOST)
+				continue;
+			if (is_under(regular_vertex(w, from), regular_vertex(w, to)))
+				regular_set(w->served, from, false);
+			if (is_under(regular_vertex(w, to), regular_vertex(w, from)))
+				regular_set(w->served, to, false);
+		}
+	}
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		const struct tri_triangle *t = &w->r.triangle[i];
+		unsigned ghost = regular_ghost_at(t);
+		bool all = regular_bit(w->owned, i) ||
+			   (ghost < 3 && tri_regular_used(t) && !w->c->no_hull && regular_owns_hull(w, i, ghost));
+
+		for (unsigned k = 0; all && k < 3; k++)
+			if (t->corner[k] != TRI_GHOST)
+				regular_set(w->served, t->corner[k], true);
+	}
+}
+
+/* From p, the place of its cell that is nearest to it, if that is inside of the edge to the cell of a, beside those of c and d.
+ * It is near p, where the centres of triangles can be far. */
+static bool nearest(const struct regular_work *w, uint32_t p, uint32_t a, uint32_t c, uint32_t d, double ret[2])
+{
+	const struct geom_weighted from = regular_vertex(w, p), to = regular_vertex(w, a);
+	const int64_t x = (int64_t)to.at[0] - from.at[0], y = (int64_t)to.at[1] - from.at[1];
+	double part = (double)geom_power_lift(x, y, to.w - from.w) / (2 * (double)geom_power_lift(x, y, 0));
+	struct regular_disc disc;
+
+	ret[0] = part * (double)x;
+	ret[1] = part * (double)y;
+	disc = (struct regular_disc){{from.at, ret[0], ret[1]}, (double)(w->most - from.w)};
+	return (c == TRI_GHOST || !regular_disc_holds(&disc, w->most, regular_vertex(w, c))) &&
+	       (d == TRI_GHOST || !regular_disc_holds(&disc, w->most, regular_vertex(w, d)));
+}
+
+static bool is_asked(const struct regular_work *w, uint32_t v)
+{
+	return v != TRI_GHOST && !regular_bit(w->served, v) && cut_region_holds(w->c->region, w->r.xy[v][0], w->r.xy[v][1]);
+}
+
+/* Positions of which the nearest place of the cell is on an edge of it. */
+static int watch_nearest(struct regular_work *w)
+{
+	int rc = 0;
+
+	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
+		const struct tri_triangle *t = &w->r.triangle[i];
+
+		rc = regular_progress(w, 1);
+		for (unsigned k = 0; k < 3 && !rc && tri_regular_used(t) && !regular_bit(w->owned, i); k++) {
+			uint32_t p = t->corner[(k + 1) % 3], a = t->corner[(k + 2) % 3], link = t->link[k];
+			uint32_t d = w->r.triangle[link >> 3].corner[(link & 6) >> 1];
+			double u[2];
+
+			if (a == TRI_GHOST || !is_asked(w, p) || !nearest(w, p, a, t->corner[k], d, u))
+				continue;
+			regular_set(w->served, p, true);
+			rc = watch_place(w, p, u);
+		}
+	}
+	return rc;
 }
 
 static bool before(const struct regular_candidate *a, const struct regular_candidate *b)
@@ -258,13 +336,13 @@ static int watch_positions(struct regular_work *w)
 	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
 		const struct tri_triangle *t = &w->r.triangle[i];
 
+		rc = regular_progress(w, 1);
 		if (regular_ghost_at(t) != 3 || regular_bit(w->owned, i))
 			continue;
 		for (unsigned k = 0; k < 3 && !rc; k++) {
-			const int32_t *at = w->r.xy[t->corner[k]];
 			double u[2];
 
-			if (regular_bit(w->served, t->corner[k]) || !cut_region_holds(w->c->region, at[0], at[1]))
+			if (!is_asked(w, t->corner[k]))
 				continue;
 			centre(w, t->corner, u);
 			list[n++] = (struct regular_candidate){
@@ -284,7 +362,6 @@ int regular_watch(struct regular_work *w, uint32_t first)
 	int rc = 0;
 
 	memset(w->watched, 0, bytes);
-	memset(w->near, 0, bytes);
 	if (first) {
 		find_owned(w, first);
 	} else {
@@ -296,7 +373,8 @@ int regular_watch(struct regular_work *w, uint32_t first)
 	if (rc)
 		return rc;
 	serve(w);
-	w->all = false;
-	rc = watch_positions(w);
-	return rc || !w->ndisc ? rc : regular_read(w);
+	w->step = REGULAR_PLACES;
+	rc = watch_nearest(w);
+	rc = rc ? rc : watch_positions(w);
+	return rc || !regular_disc_groups(w) ? rc : regular_read(w);
 }

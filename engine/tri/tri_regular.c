@@ -16,6 +16,7 @@
 
 #include "tri_priv.h"
 
+enum { TABLE = 4 * TRI_SEARCH, STEPS = 1 << 13 }; /* of tri_regular_search; insertions between two calls of `progress` */
 enum { SKIP = 0xfffffff0u, END = 0xfffffff8u, NONE = 0xffffffffu };
 _Static_assert(TRI_MAX_POINTS <= 1u << TRI_WEIGHT_AT, "an id leaves room for the number of a weight");
 _Static_assert(TRI_WEIGHTS <= 1u << (32 - TRI_WEIGHT_AT), "numbers of weights");
@@ -269,8 +270,11 @@ int tri_regular_run(struct tri_regular *r, uint32_t n, const uint8_t *kind)
 	if (!tri_seed(t))
 		return TRI_E_FLAT;
 	narrow = is_narrow(&t->extent);
-	for (uint32_t p = 3; p < n; p++)
+	for (uint32_t p = 3; p < n; p++) {
+		if (p % STEPS == 0 && r->progress && r->progress(r->ctx))
+			return TRI_E_STOPPED;
 		insert_one(r, p, narrow);
+	}
 	return 0;
 }
 
@@ -294,35 +298,59 @@ int tri_regular_add(struct tri_regular *r, const struct mesh_vertex *v, const ui
 	return 0;
 }
 
-bool tri_regular_search(struct tri_regular *r, struct geom_weighted p, bool (*visit)(void *ctx, uint32_t triangle), void *ctx)
+void *tri_regular_room(const struct tri_regular *r)
+{
+	return r->tri->triangle + 2 * (size_t)r->tri->nvertex;
+}
+
+bool tri_regular_around(struct tri_regular *r, struct geom_weighted p, uint32_t *ret)
 {
 	const struct tri *t = r->tri;
 	struct tri_extent extent = t->extent;
-	uint32_t list[TRI_SEARCH], n = 1;
 
 	extent_add(&extent, p.at);
-	list[0] = r->look = tri_locate(t, is_narrow(&extent), p.at, r->look);
+	*ret = r->look = tri_locate(t, is_narrow(&extent), p.at, r->look);
 	for (unsigned k = 0; k < 3; k++) {
 		uint32_t c = t->triangle[r->look].corner[k];
 
 		if (c != TRI_GHOST && t->xy[c][0] == p.at[0] && t->xy[c][1] == p.at[1])
 			return false;
 	}
-	if (!tri_regular_conflict(r, r->look, p))
+	return tri_regular_conflict(r, r->look, p);
+}
+
+/* The place of a triangle in the table: zero if it is not in the list, else its number there, from 1. */
+static uint16_t *place_of(uint16_t *table, const uint32_t *list, uint32_t triangle)
+{
+	uint32_t at = triangle % TABLE;
+
+	while (table[at] && list[table[at] - 1] != triangle)
+		at = (at + 1) % TABLE;
+	return &table[at];
+}
+
+bool tri_regular_search(struct tri_regular *r, struct geom_weighted p, bool (*visit)(void *ctx, uint32_t triangle), void *ctx)
+{
+	const struct tri *t = r->tri;
+	uint32_t list[TRI_SEARCH], n = 1;
+	uint16_t table[TABLE] = {0};
+
+	if (!tri_regular_around(r, p, &list[0]))
 		return false;
+	*place_of(table, list, list[0]) = 1;
 	for (uint32_t i = 0; i < n; i++) {
 		if (visit(ctx, list[i]))
 			return true;
 		for (unsigned k = 0; k < 3; k++) {
-			uint32_t next = t->triangle[list[i]].link[k] >> 3, j = 0;
+			uint32_t next = t->triangle[list[i]].link[k] >> 3;
+			uint16_t *place = place_of(table, list, next);
 
-			while (j < n && list[j] != next)
-				j++;
-			if (j < n || !tri_regular_conflict(r, next, p))
+			if (*place || !tri_regular_conflict(r, next, p))
 				continue;
 			if (n == TRI_SEARCH)
 				return true;
 			list[n++] = next;
+			*place = (uint16_t)n;
 		}
 	}
 	return false;

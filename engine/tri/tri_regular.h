@@ -15,6 +15,9 @@ enum { TRI_WEIGHTS = 64, TRI_WEIGHT_AT = 26 };
 struct tri_regular {
 	struct tri *tri;
 	const int64_t *weight; /* by number, each within GEOM_WEIGHT_MOST */
+	/* Called every few milliseconds of tri_regular_run; non-zero stops it. May be NULL. */
+	int (*progress)(void *ctx);
+	void *ctx;
 	/* set by tri_regular_run: */
 	const int32_t (*xy)[2];
 	const uint32_t *id;
@@ -23,11 +26,17 @@ struct tri_regular {
 };
 
 /* Triangulates the first n positions of tri_input; kind[i]: the number of the weight of input i, outside of the arena, or in what
- * the arena has beyond tri_bytes of the tri's capacity. As tri_run. */
+ * the arena has beyond tri_bytes of the tri's capacity. As tri_run, or TRI_E_STOPPED. */
+enum { TRI_E_STOPPED = 3 };
 int tri_regular_run(struct tri_regular *, uint32_t n, const uint8_t *kind);
 
 /* Adds positions, all different from the vertices. TRI_E_FULL: those before the one that did not fit were added. */
 int tri_regular_add(struct tri_regular *, const struct mesh_vertex *, const uint8_t *kind, uint32_t n);
+
+/* The end of the arena's triangles that is not used yet, aligned to 16: TRI_REGULAR_EACH bytes for each position that can be
+ * added, which takes as many from its front. */
+enum { TRI_REGULAR_EACH = 2 * sizeof(struct tri_triangle) };
+void *tri_regular_room(const struct tri_regular *);
 
 static inline struct geom_weighted tri_regular_vertex(const struct tri_regular *r, uint32_t v)
 {
@@ -42,6 +51,10 @@ static inline bool tri_regular_used(const struct tri_triangle *t)
 
 /* Whether a triangle, or a ghost, is in conflict with a position, which is no vertex of it. */
 bool tri_regular_conflict(const struct tri_regular *, uint32_t triangle, struct geom_weighted);
+
+/* The triangle that a position is in, or the ghost that it is beyond, if the position is in conflict with it. False: it would be
+ * hidden, or is a vertex. */
+bool tri_regular_around(struct tri_regular *, struct geom_weighted, uint32_t *ret);
 
 /*
  * The triangles that would be removed if the position were added, and for ghosts the half planes: calls `visit` for each until it

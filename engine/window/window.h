@@ -23,11 +23,17 @@ int window_plan(struct grid_reader *, const struct view *, uint32_t cap, struct 
 /* Shrinks a region to the part that has its piece of the window. */
 void window_tighten(const struct grid *, const struct view *, struct cut_region *);
 
+/* Of a view with weights: no position has a greater one; and as of struct regular. */
+struct window_weights {
+	int64_t most;
+	int (*progress)(void *ctx);
+	void *ctx;
+};
+
 /* The triangles that meet the region's piece. `reader`: memory of grid_reader_bytes; `arena`: of tri_bytes(cap); *ret points
- * into it. `most`: the greatest weight of a position, of a view with weights. WINDOW_E_SPLIT: the piece does not fit; *ret_need
- * positions would. */
+ * into it. WINDOW_E_SPLIT: the piece does not fit; *ret_need positions would. */
 enum { WINDOW_E_SPLIT = 1 };
-int window_domain(const struct grid *, const struct view *, int64_t most, const struct cut_region *, uint32_t cap, void *reader,
-		  void *arena, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+int window_domain(const struct grid *, const struct view *, struct window_weights, const struct cut_region *, uint32_t cap,
+		  void *reader, void *arena, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 
 #endif

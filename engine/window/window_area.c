@@ -310,14 +310,14 @@ uint32_t window_cap_of(const struct grid *grid, uint32_t arena_cap)
 	return grid_lines(grid) ? cap / 2 : cap;
 }
 
-int window_domain(const struct grid *grid, const struct view *view, int64_t most, const struct cut_region *region,
-		  uint32_t arena_cap, void *reader_memory, void *arena, struct mesh_domain *ret, uint64_t *ret_need,
-		  struct err *err)
+int window_domain(const struct grid *grid, const struct view *view, struct window_weights weights,
+		  const struct cut_region *region, uint32_t arena_cap, void *reader_memory, void *arena, struct mesh_domain *ret,
+		  uint64_t *ret_need, struct err *err)
 {
 	struct window_from from = {.view = view,
 				   .region = region,
 				   .lattice = &grid_manifest(grid)->lattice,
-				   .most = most,
+				   .weights = weights,
 				   .cap = window_cap_of(grid, arena_cap),
 				   .memory = arena,
 				   .room = tri_bytes(window_cap(arena_cap))};

@@ -90,7 +90,7 @@ struct window_from {
 	const struct view *view;
 	const struct cut_region *region;
 	const struct lattice *lattice; /* for the text of an error; may be NULL */
-	int64_t most;                  /* of a view with weights: no position has a greater one */
+	struct window_weights weights;
 	uint32_t round, cap;
 	void *memory;
 	size_t room;

@@ -156,7 +156,9 @@ int window_regular(const struct window_from *from, const int64_t k[3], struct me
 	uint8_t *at = (uint8_t *)from->memory + align_line(tri_bytes(from->cap)), *end = (uint8_t *)from->memory + from->room;
 	struct regular c = {.src = from->src,
 			    .view = from->view,
-			    .most = from->most,
+			    .most = from->weights.most,
+			    .progress = from->weights.progress,
+			    .progress_ctx = from->weights.ctx,
 			    .region = from->region,
 			    .tri = tri,
 			    .cap = from->cap,

@@ -14,34 +14,24 @@
 #include <cmocka.h>
 
 #include "check.h"
-#include "cut_order.h"
 #include "cut_valid.h"
 #include "err.h"
 #include "geom.h"
+#include "lives.h"
 #include "made.h"
-#include "parts.h"
 #include "repeat.h"
-#include "sets.h"
 
-enum { RECORDS = SETS_MAX_N, SOURCES = 8, LEAVES = 16, PIECES = 24, OFFERS = 40, GENERATIONS = 3 };
-
-struct record {
-	struct point p;
-	unsigned source;
-};
+enum { PIECES = 24, OFFERS = 40 };
 
 struct generation {
-	struct sets set;
-	struct tiling tiling;
-	struct cut_source src;
+	struct lives_generation life;
 	struct lineset_piece piece[PIECES];
 	unsigned npiece;
 	struct constrain_lines lines;
 };
 
-static struct record record[RECORDS];
-static unsigned nrecord;
-static struct generation generation[GENERATIONS];
+static struct lives lives;
+static struct generation generation[LIVES_GENERATIONS];
 static struct view view;
 static void *memory[2];
 static uint64_t traces[CUT_TRACE_BYTES / 8 + 1];
@@ -81,8 +71,8 @@ static struct digest sum_of(const struct generation *g, const int32_t box[4])
 
 static struct generation *of(void *tiling)
 {
-	for (unsigned i = 0; i < GENERATIONS; i++)
-		if (tiling == &generation[i].tiling)
+	for (unsigned i = 0; i < LIVES_GENERATIONS; i++)
+		if (tiling == &generation[i].life.tiling)
 			return &generation[i];
 	return NULL;
 }
@@ -103,51 +93,11 @@ static struct digest content(void *ctx)
 
 /* ---- generations ---- */
 
-static void make_records(uint64_t *seed)
-{
-	static const int32_t ranges[] = {5, 8, 20, 400};
-	int32_t range = ranges[sets_below(seed, 4)];
-
-	nrecord = 10 + sets_below(seed, RECORDS - 9);
-	for (unsigned i = 0; i < nrecord; i++) {
-		struct record *r = &record[i];
-
-		r->source = sets_below(seed, 3) ? 0 : sets_below(seed, SOURCES);
-		r->p = (struct point){.x = (int32_t)sets_below(seed, (unsigned)range),
-				      .y = (int32_t)sets_below(seed, (unsigned)range),
-				      .z = (int32_t)sets_below(seed, 3),
-				      .cls = 1,
-				      .ret = 0x11};
-	}
-}
-
-static bool point_less(const void *ctx, const struct point *a, const struct point *b)
-{
-	(void)ctx;
-	return point_compare(a, b) < 0;
-}
-
-/* The live records, each source in a segment of its own or any. */
 static void lay_out(uint64_t *seed, struct generation *g, unsigned live)
 {
-	bool by_source = sets_below(seed, 2);
-	struct sets *s = &g->set;
-
-	memset(s, 0, sizeof(*s));
-	s->segments = TILING_SEGMENTS;
-	for (unsigned i = 0; i < nrecord; i++) {
-		unsigned at = by_source ? record[i].source % TILING_SEGMENTS : sets_below(seed, TILING_SEGMENTS);
-
-		if (live >> record[i].source & 1)
-			s->record[at][s->nrecord[at]++] = record[i].p;
-	}
-	for (unsigned k = 0; k < s->segments; k++)
-		cut_order_sort(s->record[k], s->nrecord[k], point_less, NULL);
-	sets_reduce(s, &view);
-	sets_tiling(seed, s, &g->tiling);
-	tiling_source(&g->tiling, &g->src);
-	g->src.line_sum = line_sum;
-	g->src.lines = content;
+	lives_lay_out(seed, &lives, &view, live, NULL, &g->life);
+	g->life.src.line_sum = line_sum;
+	g->life.src.lines = content;
 	g->lines = (struct constrain_lines){.ctx = g, .find = find};
 }
 
@@ -155,14 +105,14 @@ static unsigned position(const struct generation *g, const int32_t at[2])
 {
 	unsigned i = 0;
 
-	while (i < g->set.n && (g->set.pos[i].x != at[0] || g->set.pos[i].y != at[1]))
+	while (i < g->life.set.n && (g->life.set.pos[i].x != at[0] || g->life.set.pos[i].y != at[1]))
 		i++;
 	return i;
 }
 
 static void offer(struct generation *g, struct tri_pieces *p, unsigned a, unsigned b)
 {
-	const int32_t ends[2][2] = {{g->set.pos[a].x, g->set.pos[a].y}, {g->set.pos[b].x, g->set.pos[b].y}};
+	const int32_t ends[2][2] = {{g->life.set.pos[a].x, g->life.set.pos[a].y}, {g->life.set.pos[b].x, g->life.set.pos[b].y}};
 	bool swap = !geom_less(ends[0], ends[1]);
 	struct lineset_piece *to = &g->piece[g->npiece];
 	uint32_t at;
@@ -185,43 +135,31 @@ static bool make_lines(uint64_t *seed, struct generation *g, const struct genera
 		       sets_below(seed, 3) ? 0 :
 					     sets_below(seed, 4),
 		 drop = sets_below(seed, 3);
-	struct tri *t = g->set.n < 3 ? NULL : check_tri(g->set.pos, g->set.n);
+	struct tri *t = g->life.set.n < 3 ? NULL : check_tri(g->life.set.pos, g->life.set.n);
 	struct tri_pieces *p;
 
 	g->npiece = 0;
 	if (!t)
 		return false;
-	p = check_pieces(t, 2 * g->set.n);
+	p = check_pieces(t, 2 * g->life.set.n);
 	for (unsigned i = 0; before && i < before->npiece; i++) {
 		unsigned a = position(g, before->piece[i].a), b = position(g, before->piece[i].b);
 
-		if (a < g->set.n && b < g->set.n && (drop || sets_below(seed, 6)))
+		if (a < g->life.set.n && b < g->life.set.n && (drop || sets_below(seed, 6)))
 			offer(g, p, a, b);
 	}
 	for (; new > 0; new --)
-		offer(g, p, sets_below(seed, g->set.n), sets_below(seed, g->set.n));
+		offer(g, p, sets_below(seed, g->life.set.n), sets_below(seed, g->life.set.n));
 	free(p);
 	free(t);
 	return true;
 }
 
-/* The root is that of all records, whether they are live or not. */
-static unsigned make_leaves(uint64_t *seed, struct cut_region *ret)
-{
-	int32_t box[4] = {record[0].p.x, record[0].p.y, record[0].p.x, record[0].p.y};
-	unsigned want = 1 + sets_below(seed, LEAVES - 1);
-
-	for (unsigned i = 1; i < nrecord; i++)
-		point_box_join(box, (const int32_t[4]){record[i].p.x, record[i].p.y, record[i].p.x, record[i].p.y});
-	cut_region_root(box, &ret[0]);
-	return parts_halve(seed, want, 100, ret);
-}
-
 static void check_region(const struct cut_region *region, const struct generation *then, const struct generation *now,
 			 const struct generation *later)
 {
-	struct made a = {.src = &then->src, .view = &view, .region = region, .lines = &then->lines, .memory = memory[0]};
-	struct made b = {.src = &now->src, .view = &view, .region = region, .lines = &now->lines, .memory = memory[1]};
+	struct made a = {.src = &then->life.src, .view = &view, .region = region, .lines = &then->lines, .memory = memory[0]};
+	struct made b = {.src = &now->life.src, .view = &view, .region = region, .lines = &now->lines, .memory = memory[1]};
 	struct mesh_domain before, after;
 	struct cut_reach reach;
 	struct cut_trace trace;
@@ -233,17 +171,17 @@ static void check_region(const struct cut_region *region, const struct generatio
 	a.trace = &trace;
 	made_domain(&a, &before);
 	assert_true(cut_trace_fits(&trace, region));
-	assert_int_equal(cut_valid_from(&then->src, &view, region, &trace, &is_valid, &err), 0);
+	assert_int_equal(cut_valid_from(&then->life.src, &view, region, &trace, &is_valid, &err), 0);
 	assert_true(is_valid);
 	made_domain(&b, &after);
 	equal = made_same(&before, &after);
 	cut_reach_of(&trace, region, &reach);
 	live = trace.live;
-	if (cut_additions_far_from(&now->src, region, &reach, &live)) {
+	if (cut_additions_far_from(&now->life.src, region, &reach, &live)) {
 		assert_true(equal);
 		far++;
 	}
-	assert_int_equal(cut_valid_from(&now->src, &view, region, &trace, &is_valid, &err), 0);
+	assert_int_equal(cut_valid_from(&now->life.src, &view, region, &trace, &is_valid, &err), 0);
 	if (is_valid && !equal)
 		fail_msg("a domain that changed is said to be valid (%u and %u triangles)", before.ntriangle, after.ntriangle);
 	domains++;
@@ -255,11 +193,12 @@ static void check_region(const struct cut_region *region, const struct generatio
 	if (!is_valid || !later)
 		return;
 	/* Of the second by what was live in it. */
-	live.n = (uint32_t)now->src.parts(now->src.ctx, live.part, (struct cut_segment[CUT_TRACE_PARTS]){{0}}, CUT_TRACE_PARTS);
-	live.lines = content(now->src.ctx);
-	b.src = &later->src;
+	live.n = (uint32_t)now->life.src.parts(now->life.src.ctx, live.part, (struct cut_segment[CUT_TRACE_PARTS]){{0}},
+					       CUT_TRACE_PARTS);
+	live.lines = content(now->life.src.ctx);
+	b.src = &later->life.src;
 	b.lines = &later->lines;
-	if (!cut_additions_far_from(&later->src, region, &reach, &live))
+	if (!cut_additions_far_from(&later->life.src, region, &reach, &live))
 		return;
 	made_domain(&b, &after);
 	assert_true(made_same(&before, &after));
@@ -268,19 +207,19 @@ static void check_region(const struct cut_region *region, const struct generatio
 
 static void one_life(uint64_t seed)
 {
-	struct cut_region leaf[LEAVES];
+	static const int32_t ranges[] = {5, 8, 20, 400};
+	struct cut_region leaf[LIVES_LEAVES];
 	unsigned live = (unsigned)random_next(&seed) | 1, n;
 
 	view = VIEW_INIT;
-	make_records(&seed);
-	for (unsigned i = 0; i < GENERATIONS; i++) {
+	lives_records(&seed, ranges[sets_below(&seed, 4)], false, &lives);
+	for (unsigned i = 0; i < LIVES_GENERATIONS; i++) {
 		lay_out(&seed, &generation[i], live);
 		if (!make_lines(&seed, &generation[i], i ? &generation[i - 1] : NULL))
 			return;
-		for (unsigned k = sets_below(&seed, 3); k > 0; k--)
-			live ^= 1u << (1 + sets_below(&seed, SOURCES - 1));
+		live = lives_change(&seed, live);
 	}
-	n = make_leaves(&seed, leaf);
+	n = lives_leaves(&seed, &lives, leaf);
 	for (unsigned i = 0; i < n; i++)
 		check_region(&leaf[i], &generation[0], &generation[1], &generation[2]);
 }
@@ -306,7 +245,7 @@ static void ranges_cover_boxes(void **unused)
 	static int32_t box[2000][4];
 	uint64_t seed = 11;
 
-	generation[0].set.n = 0;
+	generation[0].life.set.n = 0;
 	lay_out(&seed, &generation[0], 0);
 	for (unsigned n = 1; n <= 2000; n *= 3) {
 		struct cut_trace trace;
@@ -324,7 +263,7 @@ static void ranges_cover_boxes(void **unused)
 			}
 			cut_cover_box(&cover, box[i]);
 		}
-		assert_int_equal(cut_cover_end(&cover, &generation[0].src, &err), 0);
+		assert_int_equal(cut_cover_end(&cover, &generation[0].life.src, &err), 0);
 		assert_true(trace.nrange <= trace.most_ranges);
 		for (unsigned i = 0; i < n; i++)
 			for (unsigned k = 0; k < 4; k++) {

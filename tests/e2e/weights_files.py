@@ -315,6 +315,16 @@ def report(d, base, job, parts, what):
     return len(got)
 
 
+def chosen(d, base, job, files, what):
+    """Of a rule that takes some points: each place is a point of the file that is named."""
+    to = os.path.join(base, "hidden.geojson")
+    d.ctl("fetch", str(job["job"]), "--format", "null", "--weight-report", to).ok()
+    got, there = places_of(to), {name: set(points) for name, points in files.items()}
+    expect(len(got) == job["removed"]["weight"] > 100, "%s: %d places, %s" % (what, len(got), job["removed"]))
+    for x, y, z, cls, source, name in got:
+        expect((x, y, z, cls) in there.get(name, ()) and source == 1 + list(files).index(name), "%s: %s" % (what, (x, y, z, cls, name)))
+
+
 def hidden_places():
     """The positions that are hidden are named, each once, with class and file."""
     with e2e.Folder() as base:
@@ -329,10 +339,12 @@ def hidden_places():
                 expect(report(d, base, job, [(old, 0, 1, "old.csv"), (new, 20, 2, "new.csv")], memory) > 2000, job)
                 by_class = submit(d, "s", "2=15,new.csv=0")
                 report(d, base, by_class, [(old, {2: 15}, 1, "old.csv"), (new, 0, 2, "new.csv")], "by class")
-                # Of a selection the file is not known, but its class is; the second time nothing is selected again.
+                # A selection has no files: they are looked up in the generation. The second time nothing is selected again.
                 job = submit(d, "s", "new.csv=20", "--crop", "0,0,900,900")
                 crop = [[p for p in points if p[0] <= 900 and p[1] <= 900] for points in (old, new)]
-                report(d, base, job, [(crop[0], 0, None, None), (crop[1], 20, None, None)], "crop")
+                report(d, base, job, [(crop[0], 0, 1, "old.csv"), (crop[1], 20, 2, "new.csv")], "crop")
+                for rule in ("--every", "--thin"):
+                    chosen(d, base, submit(d, "s", "new.csv=20", rule, "3"), {"old.csv": old, "new.csv": new}, rule)
                 out = os.path.join(base, "one.geojson")
                 got = d.ctl("mesh", a, b, "--weight", "new.csv=20", "--format", "null", "--weight-report", out, "--json").ok().json()
                 places = places_of(out)

@@ -13,33 +13,20 @@
 
 #include <cmocka.h>
 
-#include "cut_order.h"
 #include "cut_valid.h"
 #include "err.h"
 #include "finish.h"
-#include "parts.h"
+#include "lives.h"
 #include "pipe.h"
 #include "regular.h"
 #include "repeat.h"
-#include "sets.h"
 
-enum { RECORDS = SETS_MAX_N, SOURCES = 8, SLOTS = 3, LEAVES = 16, GENERATIONS = 3, CAP = 2 * SETS_MAX_N };
+enum { SLOTS = 3, CAP = 2 * SETS_MAX_N };
 enum { ARENA = 1 << 19, SCRATCH = 1 << 19 };
 
-struct record {
-	struct point p;
-	unsigned source;
-};
-
-struct generation {
-	struct sets set;
-	struct tiling tiling;
-	struct cut_source src;
-};
-
-static struct record record[RECORDS];
-static unsigned nrecord, slot[SOURCES]; /* 0: its points have the weights of their classes */
-static struct generation generation[GENERATIONS];
+static struct lives lives;
+static unsigned slot[LIVES_SOURCES]; /* 0: its points have the weights of their classes */
+static struct lives_generation generation[LIVES_GENERATIONS];
 static struct view view;
 static void *memory[2];
 static uint64_t scratch[SCRATCH / 8], traces[CUT_TRACE_BYTES / 8 + 1];
@@ -80,68 +67,10 @@ static unsigned any_slot(uint64_t *seed)
 	return view.slots && sets_below(seed, 2) ? slots_of(view.slots, 1 + sets_below(seed, SLOTS)) : 0;
 }
 
-static void make_records(uint64_t *seed)
-{
-	nrecord = 10 + sets_below(seed, RECORDS - 9);
-	for (unsigned i = 0; i < nrecord; i++) {
-		struct record *r = &record[i];
-
-		r->source = sets_below(seed, 3) ? 0 : sets_below(seed, SOURCES);
-		r->p = (struct point){.x = (int32_t)sets_below(seed, (unsigned)range),
-				      .y = (int32_t)sets_below(seed, (unsigned)range),
-				      .z = (int32_t)sets_below(seed, 3),
-				      .cls = (uint8_t)(sets_below(seed, 3) ? 1 : 2),
-				      .ret = 0x11};
-	}
-	for (unsigned i = 0; i < SOURCES; i++)
-		slot[i] = any_slot(seed);
-}
-
-static bool point_less(const void *ctx, const struct point *a, const struct point *b)
-{
-	(void)ctx;
-	return point_compare(a, b) < 0;
-}
-
-/* The live records, each source in a segment of its own or any. */
-static void lay_out(uint64_t *seed, struct generation *g, unsigned live)
-{
-	bool by_source = sets_below(seed, 2);
-	struct sets *s = &g->set;
-
-	memset(s, 0, sizeof(*s));
-	s->segments = TILING_SEGMENTS;
-	for (unsigned i = 0; i < nrecord; i++) {
-		unsigned at = by_source ? record[i].source % TILING_SEGMENTS : sets_below(seed, TILING_SEGMENTS);
-		struct point p = record[i].p;
-
-		p.tag |= (uint16_t)(slot[record[i].source] << POINT_SLOT_SHIFT);
-		if (live >> record[i].source & 1)
-			s->record[at][s->nrecord[at]++] = p;
-	}
-	for (unsigned k = 0; k < s->segments; k++)
-		cut_order_sort(s->record[k], s->nrecord[k], point_less, NULL);
-	sets_reduce(s, &view);
-	sets_tiling(seed, s, &g->tiling);
-	tiling_source(&g->tiling, &g->src);
-}
-
-/* The root is that of all records, whether they are live or not. */
-static unsigned make_leaves(uint64_t *seed, struct cut_region *ret)
-{
-	int32_t box[4] = {record[0].p.x, record[0].p.y, record[0].p.x, record[0].p.y};
-	unsigned want = 1 + sets_below(seed, LEAVES - 1);
-
-	for (unsigned i = 1; i < nrecord; i++)
-		point_box_join(box, (const int32_t[4]){record[i].p.x, record[i].p.y, record[i].p.x, record[i].p.y});
-	cut_region_root(box, &ret[0]);
-	return parts_halve(seed, want, 100, ret);
-}
-
 /* ---- domains ---- */
 
 /* The greatest weight of a generation. */
-static int64_t most_of(const struct generation *g)
+static int64_t most_of(const struct lives_generation *g)
 {
 	int64_t weight[VIEW_WEIGHTS + 1], most = 0;
 
@@ -156,7 +85,7 @@ static int64_t most_of(const struct generation *g)
 }
 
 /* False: all is flat, and there is no domain. */
-static bool make(const struct generation *g, const struct cut_region *region, struct cut_trace *trace, void *arena,
+static bool make(const struct lives_generation *g, const struct cut_region *region, struct cut_trace *trace, void *arena,
 		 struct mesh_domain *ret)
 {
 	static const int64_t k[3] = {0, 0, 0};
@@ -222,8 +151,8 @@ static void judge(bool is_valid, bool equal)
 		fail_msg("a domain that changed is said to be valid");
 }
 
-static void check_region(const struct cut_region *region, const struct generation *then, const struct generation *now,
-			 const struct generation *later)
+static void check_region(const struct cut_region *region, const struct lives_generation *then, const struct lives_generation *now,
+			 const struct lives_generation *later)
 {
 	struct mesh_domain before, after;
 	struct cut_reach reach;
@@ -268,21 +197,22 @@ static void check_region(const struct cut_region *region, const struct generatio
 
 static void one_life(uint64_t seed)
 {
-	struct cut_region leaf[LEAVES];
+	struct cut_region leaf[LIVES_LEAVES];
 	unsigned live = (unsigned)random_next(&seed) | 1, n;
 
 	make_view(&seed);
 	if (!view.nweight)
 		return;
-	make_records(&seed);
-	for (unsigned i = 0; i < GENERATIONS; i++) {
-		lay_out(&seed, &generation[i], live);
-		for (unsigned k = sets_below(&seed, 3); k > 0; k--)
-			live ^= 1u << (1 + sets_below(&seed, SOURCES - 1));
+	lives_records(&seed, range, true, &lives);
+	for (unsigned i = 0; i < LIVES_SOURCES; i++)
+		slot[i] = any_slot(&seed);
+	for (unsigned i = 0; i < LIVES_GENERATIONS; i++) {
+		lives_lay_out(&seed, &lives, &view, live, slot, &generation[i]);
+		live = lives_change(&seed, live);
 		if (!sets_below(&seed, 6))
-			slot[sets_below(&seed, SOURCES)] = any_slot(&seed);
+			slot[sets_below(&seed, LIVES_SOURCES)] = any_slot(&seed);
 	}
-	n = make_leaves(&seed, leaf);
+	n = lives_leaves(&seed, &lives, leaf);
 	for (unsigned i = 0; i < n; i++)
 		check_region(&leaf[i], &generation[0], &generation[1], &generation[2]);
 }

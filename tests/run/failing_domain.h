@@ -1,5 +1,5 @@
 /*
- * Lets one domain that a worker makes exceed its memory, and another one fail to be read.
+ * Lets one domain that a worker makes exceed its memory, another one fail to be read, and another one take until it is cancelled.
  *
  * Linked with --wrap=pipe_domain.
  */
@@ -7,13 +7,15 @@
 #define FAILING_DOMAIN_H
 
 #include <stdatomic.h>
+#include <unistd.h>
 
 #include "err.h"
 #include "pipe.h"
 
 static struct {
-	atomic_uint made;              /* domains started */
-	atomic_uint split_at, fail_at; /* the domains with these numbers; 0: none */
+	atomic_uint made;                          /* domains started */
+	atomic_uint split_at, fail_at, endless_at; /* the domains with these numbers; 0: none */
+	atomic_bool in_endless, cancelled;
 } making;
 
 int __real_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region,
@@ -31,6 +33,14 @@ int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const stru
 
 	if (n == making.fail_at)
 		return err_set(err, ERR_IO, "the test's disk is gone");
+	if (n == making.endless_at) {
+		making.in_endless = true;
+		for (unsigned i = 0; i < 20000 && !making.cancelled; i++) {
+			making.cancelled = known->progress(known->ctx) != 0;
+			usleep(1000);
+		}
+		return err_set(err, ERR_CANCELLED, "the test's domain was cancelled");
+	}
 	if (n == making.split_at) {
 		*ret_need = (uint64_t)budget->cap + 1;
 		return PIPE_E_SPLIT;

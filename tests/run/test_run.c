@@ -319,11 +319,31 @@ static void together(void **state)
 	dataset_release(d);
 }
 
+/* A domain that takes long is told that its job was cancelled. */
+static void cancelled(void **state)
+{
+	struct dataset *d = push("valley", POINTS, 1);
+	struct job *job;
+
+	(void)state;
+	making.endless_at = making.made + 2;
+	job = submit(d, false, "");
+	turn_until(making.in_endless);
+	assert_false(making.cancelled);
+	job_cancel(job);
+	turn_until(!service_active(h.service));
+	assert_true(making.cancelled);
+	assert_int_equal(info_of(job).state, JOB_cancelled);
+	making.endless_at = 0;
+	dataset_release(d);
+}
+
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {TEST(last_by_size), TEST(crowded), TEST(side_by_side), TEST(together)};
+	const struct CMUnitTest tests[] = {TEST(last_by_size), TEST(crowded), TEST(side_by_side), TEST(together),
+					   TEST(cancelled)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

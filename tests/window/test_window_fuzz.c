@@ -292,7 +292,7 @@ static void piece(uint64_t *seed, const struct cut_source *src, const struct cut
 					 .view = &view,
 					 .region = region,
 					 .round = round,
-					 .most = most,
+					 .weights = {.most = most},
 					 .cap = cap,
 					 .memory = memory,
 					 .room = npiece || view.nweight ? tri_bytes(cap) + PIECES_ROOM : tri_bytes(cap)};
@@ -633,7 +633,7 @@ static void too_many_matter(void **state)
 	assert_true(view_weight_set(&view, 2, 100000));
 	view.window = VIEW_CROP_BOX;
 	memcpy(view.window_box, box, sizeof(box));
-	from.most = INT64_C(100000) * 100000;
+	from.weights.most = INT64_C(100000) * 100000;
 	from.room = tri_bytes(CAP) + PIECES_ROOM;
 	assert_int_equal(window_domain_from(&from, view.k, &d, &need, &err), -ERR_LIMIT);
 	assert_non_null(strstr(err.message, "because of the radii of --weight"));
