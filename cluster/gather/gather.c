@@ -225,8 +225,8 @@ static int record_shared(const struct task *t, const struct gather_share_sums *s
 	const struct {
 		const char *key;
 		uint64_t value;
-	} of[] = {{"vertices", s->vertices}, {"triangles", s->triangles},       {"domains", s->domains},
-		  {"extra", s->extra},       {"looked_up", s->place.looked_up}, {"tables", s->place.tables}};
+	} of[] = {{"vertices", s->vertices},         {"triangles", s->triangles}, {"domains", s->domains},    {"extra", s->extra},
+		  {"looked_up", s->place.looked_up}, {"tables", s->place.tables}, {"fronts", s->place.fronts}};
 	char text[DIGEST_HEX_SIZE];
 	int r = 0;
 

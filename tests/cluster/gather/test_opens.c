@@ -133,6 +133,55 @@ static void test_one_file(void **state)
 	check_opens(NULL, "one file", 24, 5 * MESHES);
 }
 
+/* Where survey and regions are sparse, most positions can be used by triangles of other domains alone, which are looked for. The
+ * effort grows with the domains, and not with their square. */
+static double fronts_of(size_t points)
+{
+	struct err err = ERR_INIT;
+	uint64_t domains = 0, fronts = 0, extra = 0;
+	struct gathering g;
+
+	run_gathers = 4;
+	set_up(&g.run, set_make(SHAPE_UNIFORM, points, 5, 3), 2, 8);
+	g.run.p.load = 2;
+	g.run.p.cap = 20000;
+	run_all(&g.run);
+	g.options = (struct ctl_fetch_options){.output[1].path = out};
+	g.p = (struct gather_params){.work = g.run.work, .outputs = &g.options, .memory = 64 << 20, .block = 4096};
+	CHECK(gather_sum(&g.p, &err));
+	for (uint32_t i = 0; i < 4; i++) {
+		struct work_record *record = NULL;
+		uint64_t n[3];
+
+		CHECK(gather_task(&g.p, i, &err));
+		CHECK(work_record_need(g.run.work, WORK_GATHER, i, &record, &err));
+		CHECK(work_record_u64(record, "domains", &n[0], &err));
+		CHECK(work_record_u64(record, "fronts", &n[1], &err));
+		CHECK(work_record_u64(record, "extra", &n[2], &err));
+		domains += n[0];
+		fronts += n[1];
+		extra += n[2];
+		work_record_free(record);
+	}
+	CHECK(gather_finish(&g.p, &err));
+	print_message("%llu domains, %llu positions without triangles of their own, open vertices read %llu times\n",
+		      (unsigned long long)domains, (unsigned long long)extra, (unsigned long long)fronts);
+	assert_true(extra > points / 20);
+	remove_out();
+	run_remove(&g.run);
+	return (double)fronts / (double)domains;
+}
+
+static void test_sparse(void **state)
+{
+	double few, many;
+
+	(void)state;
+	few = fronts_of(500);
+	many = fronts_of(4000);
+	assert_true(many < 2 * few);
+}
+
 /* The record of a task once more, with another text of a value. */
 static void change(const struct gathering *g, uint32_t task, const char *key, const char *text)
 {
@@ -308,8 +357,8 @@ static int teardown(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_tiles),   cmocka_unit_test(test_one_file), cmocka_unit_test(test_records),
-		cmocka_unit_test(test_largest), cmocka_unit_test(test_memory),
+		cmocka_unit_test(test_tiles),   cmocka_unit_test(test_one_file), cmocka_unit_test(test_sparse),
+		cmocka_unit_test(test_records), cmocka_unit_test(test_largest),  cmocka_unit_test(test_memory),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
