@@ -151,3 +151,27 @@ char *parse_size_text(uint64_t bytes, char *buf)
 	snprintf(buf, 32, u > 0 && v < 9.95 ? "%.1f %s" : "%.0f %s", v, units[u]);
 	return buf;
 }
+
+bool parse_many(const char *text, uint64_t *ret)
+{
+	static const char units[] = "kMG";
+	size_t n = strlen(text);
+	const char *unit = n ? strchr(units, text[n - 1]) : NULL;
+	char digits[32];
+	double v;
+
+	if (parse_u64(text, ret))
+		return true;
+	if (!unit || n >= sizeof digits)
+		return false;
+	memcpy(digits, text, n - 1);
+	digits[n - 1] = '\0';
+	if (!parse_double(digits, &v) || v < 0)
+		return false;
+	for (long i = unit - units; i >= 0; i--)
+		v *= 1000;
+	if (v >= 0x1p53 || v != (double)(uint64_t)v)
+		return false;
+	*ret = (uint64_t)v;
+	return true;
+}

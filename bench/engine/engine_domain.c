@@ -10,6 +10,7 @@
 #include "finish.h"
 #include "pipe_priv.h"
 #include "store.h"
+#include "mesh_stream.h"
 #include "stream.h"
 #include "tri_priv.h"
 
@@ -189,23 +190,11 @@ int phase_store(int dirfd, const struct mesh_domain *d, void *memory, size_t siz
 static int encode(void *ctx, const struct mesh_block *b, struct err *err)
 {
 	struct phases *sum = ctx;
-	struct stream_block block = {
-		.index = b->index,
-		.first = b->first,
-		.nforeign = b->nforeign,
-		.nnew = b->nnew,
-		.ntriangle = b->ntriangle,
-		.foreign = b->foreign,
-		.vertex = (const int32_t(*)[3])b->vertex,
-		.triangle = b->triangle,
-		.final = b->final,
-	};
+	const struct stream_block block = mesh_stream_block(b);
 	static uint8_t scratch[STREAM_SCRATCH];
 	struct stream_piece piece[STREAM_PIECES];
 	double from = phase_cpu();
 
-	for (unsigned i = 0; i < 4; i++)
-		block.box[i] = b->box[i];
 	stream_put_block(&block, scratch, piece);
 	from = phase_cpu() - from;
 	sum->seconds[PHASE_ENCODE] += from;

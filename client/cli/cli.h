@@ -33,6 +33,7 @@ enum cli_kind {
 	CLI_SIZE,    /* uint64_t, above zero */
 	CLI_NUMBER,  /* double */
 	CLI_COUNT,   /* uint64_t, a whole number above zero */
+	CLI_MANY,    /* likewise, also in thousands and millions: 12k, 1.5M, 1G */
 };
 
 /* An option is allowed where its groups meet those of the command. */

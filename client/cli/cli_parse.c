@@ -81,6 +81,14 @@ static int set_size(const struct cli_option *o, const char *value, uint64_t *to,
 	return err_add_hint(err, "give bytes, or a number with K, M or G, as in --%s 512M", o->name);
 }
 
+static int set_many(const struct cli_option *o, const char *value, uint64_t *to, struct err *err)
+{
+	if (parse_many(value, to) && *to)
+		return 0;
+	err_set(err, ERR_USAGE, "--%s is not a number above 0: \"%s\"", o->name, value);
+	return err_add_hint(err, "give a number, or one with k, M or G, as in --%s 10M", o->name);
+}
+
 static int add_text(const struct cli_option *o, const char *value, struct cli_texts *to, struct err *err)
 {
 	if (to->n == CLI_TEXTS)
@@ -143,6 +151,8 @@ static int set(struct reader *r, const struct cli_option *o, char *value, struct
 	case CLI_COUNT:
 		snprintf(name, sizeof(name), "--%s", o->name);
 		return cli_number(name, value, 1, UINT64_MAX, (uint64_t *)to, err);
+	case CLI_MANY:
+		return set_many(o, value, (uint64_t *)to, err);
 	}
 	return err_set(err, ERR_INTERNAL, "--%s has no kind", o->name);
 }

@@ -1,5 +1,6 @@
 /* wait, resume, cancel, clean. */
 #include <errno.h>
+#include <fcntl.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -23,6 +24,32 @@ int cluster_wait_run(struct program *p)
 	return status;
 }
 
+/* Results that are gone are made again. Outputs may have relative names. */
+static int recover(struct cluster_run *r, struct err *err)
+{
+	const struct gather_params g = {.work = r->work, .outputs = &r->own.fetch, .memory = work_about(r->work)->memory};
+	uint32_t n = 0;
+	int here, e = 0;
+
+	if (!r->size.tasks[WORK_GATHER])
+		return 0;
+	here = open(".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	if (r->own.opt.directory && (here < 0 || chdir(r->own.opt.directory))) {
+		e = err_sys(err, errno, "the folder of the command cannot be entered");
+		err_add_file(err, r->own.opt.directory);
+	}
+	if (!e)
+		e = gather_recover(&g, &n, err);
+	if (r->own.opt.directory && here >= 0 && fchdir(here) && !e)
+		e = err_sys(err, errno, "the folder cannot be entered again");
+	if (here >= 0)
+		close(here);
+	if (n)
+		console_note(&r->program->session.console, "%u task%s again: what %s made is not there any more", n,
+			     n == 1 ? " is done" : "s are done", n == 1 ? "it" : "they");
+	return e;
+}
+
 int cluster_resume_run(struct program *p)
 {
 	struct cluster_run r;
@@ -31,7 +58,7 @@ int cluster_resume_run(struct program *p)
 
 	if (cluster_run_open(p, p->line.word[0], CLUSTER_SUBMITS, p->opt.script ? p->opt.script : "", &r, &err))
 		return session_error(&p->session, &err);
-	if (work_uncancel(r.work, &err))
+	if (recover(&r, &err) || work_uncancel(r.work, &err))
 		status = session_error(&p->session, &err);
 	else
 		status = cluster_run_go(&r);

@@ -13,7 +13,7 @@ const struct cli_option cluster_options[] = {
 	{"script", 0, "FILE", CLI_WORD, AT(opt.script), CLUSTER_SCRIPT, "with --on script: write it there (WORK/script)"},
 	{"task-memory", 0, "SIZE", CLI_SIZE, AT(opt.task_memory), CLUSTER_RUN, "memory of a task (1G)"},
 	{"task-seconds", 0, "TIME", CLI_SECONDS, AT(opt.task_seconds), CLUSTER_RUN, "about so long shall a task take (120)"},
-	{"task-points", 0, "N", CLI_COUNT, AT(opt.task_points), CLUSTER_RUN, "about so many points a task, in place of a time"},
+	{"task-points", 0, "N", CLI_MANY, AT(opt.task_points), CLUSTER_RUN, "about so many points a task, in place of a time"},
 	{"sort", 0, NULL, CLI_FLAG, AT(opt.sort), CLUSTER_RUN, "sort the points of all files by place before they are meshed"},
 
 #define OUT_OPTION(name, letter, value, kind, field, help) {name, letter, value, kind, AT(fetch.field), CLUSTER_VIEW, help},

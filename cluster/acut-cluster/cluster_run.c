@@ -11,6 +11,7 @@
 
 #include "clock.h"
 #include "cluster.h"
+#include "gather.h"
 #include "parse.h"
 
 enum { ATTEMPTS_MOST = 100, TASKS_MOST = 1000000 };
@@ -201,6 +202,8 @@ int cluster_run_open(struct program *p, const char *folder, enum cluster_open ho
 	if (!e) {
 		e = work_inputs(r->work, &r->input, &r->ninput, err);
 	}
+	if (!e && how == CLUSTER_SUBMITS)
+		e = gather_check_run(r->work, err);
 	if (!e)
 		e = cluster_size_of(&r->own, !about->tasks[WORK_PLAN], r->input, r->ninput, &r->size, err);
 	if (!e) {

@@ -119,6 +119,7 @@ static void set_hours(const struct points *p, struct cluster_size *s)
 		[WORK_COMMIT] = (double)s->inputs * INPUT_S + records * RECORD_S,
 		[WORK_PLAN] = p->all * PLAN_S + records * SEGMENT_S,
 		[WORK_MESH] = p->all * MESH_S,
+		[WORK_SUM] = (double)s->tasks[WORK_MESH] * RECORD_S,
 		[WORK_GATHER] = p->all * GATHER_S,
 		[WORK_FINISH] = parts * RECORD_S,
 	};
@@ -156,7 +157,7 @@ int cluster_size_of(const struct program *p, bool stage, const struct work_input
 	s.tasks[WORK_STAGE] = tasks_of(p, points.all, STAGE_S, (double)(n ? n : 1));
 	s.tasks[WORK_SORT] = p->opt.sort ? tasks_of(p, points.all, SORT_S, TASKS_MOST) : 0;
 	if (!stage) {
-		s.tasks[WORK_PLAN] = s.tasks[WORK_FINISH] = 1;
+		s.tasks[WORK_PLAN] = s.tasks[WORK_SUM] = s.tasks[WORK_FINISH] = 1;
 		s.tasks[WORK_MESH] = tasks_of(p, points.all, MESH_S, TASKS_MOST);
 		s.tasks[WORK_GATHER] = gather_divides(&p->fetch) ? tasks_of(p, points.all, GATHER_S, TASKS_MOST) : 1;
 	}

@@ -24,7 +24,7 @@ static int read_words(int argc, char **argv, enum work_phase *ret_phase, uint32_
 	}
 	if (!work_phase_parse(argv[2], ret_phase)) {
 		err_set(err, ERR_USAGE, "there is no phase \"%.40s\"", argv[2]);
-		return err_add_hint(err, "head, stage, sort, commit, plan, mesh, gather or finish");
+		return err_add_hint(err, "head, stage, sort, commit, plan, mesh, sum, gather or finish");
 	}
 	if (!parse_u64(argv[3], &index) || index > UINT32_MAX)
 		return err_set(err, ERR_USAGE, "\"%.40s\" is not the number of a task", argv[3]);

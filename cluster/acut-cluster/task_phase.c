@@ -149,6 +149,13 @@ static struct gather_params gather_of(struct task *t)
 				      .ctx = t};
 }
 
+static int run_sum(struct task *t, struct err *err)
+{
+	const struct gather_params p = gather_of(t);
+
+	return gather_sum(&p, err);
+}
+
 static int run_gather(struct task *t, struct err *err)
 {
 	const struct gather_params p = gather_of(t);
@@ -164,8 +171,9 @@ static int run_finish(struct task *t, struct err *err)
 }
 
 static int (*const runs[WORK_PHASES])(struct task *, struct err *) = {
-	[WORK_HEAD] = run_head, [WORK_STAGE] = run_stage, [WORK_SORT] = run_sort,     [WORK_COMMIT] = run_commit,
-	[WORK_PLAN] = run_plan, [WORK_MESH] = run_mesh,   [WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
+	[WORK_HEAD] = run_head,     [WORK_STAGE] = run_stage,   [WORK_SORT] = run_sort,
+	[WORK_COMMIT] = run_commit, [WORK_PLAN] = run_plan,     [WORK_MESH] = run_mesh,
+	[WORK_SUM] = run_sum,       [WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
 };
 
 int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t index, struct err *err)

@@ -27,7 +27,7 @@ static const struct format *tile_format(const struct ctl_fetch_options *a)
 	return format_find(o.format ? o.format : "ply");
 }
 
-static bool divides_tiles(const struct ctl_fetch_options *a)
+bool gather_divides_tiles(const struct ctl_fetch_options *a)
 {
 	const struct format *f = a->tile ? tile_format(a) : NULL;
 
@@ -36,7 +36,7 @@ static bool divides_tiles(const struct ctl_fetch_options *a)
 
 bool gather_divides(const struct ctl_fetch_options *a)
 {
-	return divides_tiles(a) || gather_shares(a);
+	return gather_divides_tiles(a) || gather_shares(a);
 }
 
 /* One that is written as PLY, without --tile. */
@@ -77,6 +77,17 @@ int gather_check(const struct ctl_fetch_options *a, uint64_t claimed_points, str
 	return gather_check_ply(a, claimed_points, "inputs claim", err);
 }
 
+int gather_check_run(const struct work *w, struct err *err)
+{
+	const struct work_about *about = work_about(w);
+
+	if (!about->tasks[WORK_GATHER] || about->tasks[WORK_SUM])
+		return 0;
+	err_set(err, ERR_VERSION, "an older version of acut began the run");
+	err_add_hint(err, "end it with that version, or begin a new run");
+	return err_add_file(err, work_folder(w));
+}
+
 /* ---- a task ---- */
 
 enum division { BY_NOTHING, BY_TILES, BY_RECORDS };
@@ -103,40 +114,6 @@ void gather_part_name(const struct gather_params *p, uint32_t index, uint64_t at
 		 (unsigned long long)attempt);
 }
 
-static int lay_out(struct task *t, struct err *err)
-{
-	char scale[DECIMAL_TEXT_SIZE];
-	struct acut_mesh_head head = {.scale_xy = decimal_text(t->in.manifest->lattice.scale_xy, scale)};
-	struct stream_head *stream = malloc(sizeof(*stream));
-	int r;
-
-	if (!stream)
-		return err_set(err, ERR_NOMEM, "no memory for tiles");
-	gather_head(&t->in, stream);
-	memcpy(head.k, t->in.manifest->lattice.k, sizeof(head.k));
-	memcpy(head.box, stream->box, sizeof(head.box));
-	r = gather_tiles_lay_out(t->tiles, &head, err);
-	free(stream);
-	return r;
-}
-
-/* Who makes which tiles, by the records of the phase mesh. */
-static int divide(struct task *t, uint32_t tasks, bool *ret_any, struct err *err)
-{
-	int r = gather_tiles_new(t->p, t->p->memory / 8, &t->tiles, err);
-
-	if (!r)
-		r = lay_out(t, err);
-	for (uint32_t i = 0; i < t->in.npacks; i++)
-		for (uint32_t k = 0; k < t->in.pack[i].ngroup && !r; k++)
-			r = gather_tiles_add(t->tiles, &t->in.pack[i].group[k], err);
-	if (!r)
-		r = gather_tiles_check(t->tiles, err);
-	if (!r)
-		*ret_any = gather_tiles_share(t->tiles, t->index, tasks, t->share);
-	return r;
-}
-
 static bool group_wanted(void *ctx, const struct mesh_group *g)
 {
 	const struct task *t = ctx;
@@ -154,8 +131,7 @@ static bool domain_wanted(void *ctx, const struct store_pack_entry *e)
 /* What is left of the memory for the table of open vertices and the sorts of the outputs. */
 static int memory_left(const struct task *t, uint64_t *ret, struct err *err)
 {
-	const uint64_t places = t->divides == BY_RECORDS ? gather_places_bytes(t->in.sums.domains) : 0,
-		       held = PROCESS + t->in.held + t->in.memory + places, need = held + LEAST;
+	const uint64_t held = PROCESS + t->in.held + t->in.memory, need = held + LEAST;
 
 	if (t->p->memory < need) {
 		err->need = need;
@@ -249,8 +225,8 @@ static int record_shared(const struct task *t, const struct gather_share_sums *s
 	const struct {
 		const char *key;
 		uint64_t value;
-	} of[] = {{"vertices", s->vertices}, {"triangles", s->triangles},       {"domains", s->domains},
-		  {"extra", s->extra},       {"looked_up", s->place.looked_up}, {"tables", s->place.tables}};
+	} of[] = {{"vertices", s->vertices},         {"triangles", s->triangles}, {"domains", s->domains},    {"extra", s->extra},
+		  {"looked_up", s->place.looked_up}, {"tables", s->place.tables}, {"fronts", s->place.fronts}};
 	char text[DIGEST_HEX_SIZE];
 	int r = 0;
 
@@ -262,7 +238,7 @@ static int record_shared(const struct task *t, const struct gather_share_sums *s
 }
 
 /* Head, records, tail. */
-static int write_shared(struct task *t, const struct stream_tail *tail, const size_t range[2], struct gather_share_sums *sums,
+static int write_shared(struct task *t, const struct stream_tail *tail, const uint64_t range[2], struct gather_share_sums *sums,
 			struct err *err)
 {
 	struct acut_mesh_sink sink = outputs_sink(t->run);
@@ -299,7 +275,7 @@ static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 	char own[GATHER_PART];
 	uint64_t memory = 0;
 	double waited = 0;
-	size_t range[2];
+	uint64_t range[2];
 	int r = memory_left(t, &memory, err);
 
 	memcpy(own, t->part, sizeof(own));
@@ -307,12 +283,13 @@ static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 	if (!r && !t->head)
 		r = err_set(err, ERR_NOMEM, "no memory to write a mesh");
 	if (!r)
-		r = gather_places_new(&t->in, memory / 4, &t->places, err);
+		r = gather_places_new(&t->in, memory / 2, &t->places, err);
+	if (!r)
+		r = gather_share_of(t->places, t->index, tasks, range, &share, err);
 	if (!r)
 		r = gather_share_agree(t->p, t->attempt, own, t->part, err);
 	if (r)
 		return r;
-	gather_share_of(t->places, &t->in.sums, t->index, tasks, range, &share);
 	while ((r = ctl_fetch_make(t->p->outputs, &opt, &t->run, err)) && (r == -ERR_GONE || err->sys == ESTALE) &&
 	       work_wait(t->p->work, &waited))
 		err_clear(err); /* a file that another node made is seen late */
@@ -330,14 +307,16 @@ static int run(struct task *t, struct err *err)
 	int r;
 
 	if (tasks > 1)
-		t->divides = divides_tiles(t->p->outputs) ? BY_TILES : gather_shares(t->p->outputs) ? BY_RECORDS : BY_NOTHING;
+		t->divides = gather_divides_tiles(t->p->outputs) ? BY_TILES :
+			     gather_shares(t->p->outputs)        ? BY_RECORDS :
+								   BY_NOTHING;
 	if (!t->divides && t->index)
 		return 0;
-	r = gather_input_read(&t->in, t->p, err);
-	if (!r)
-		r = gather_check_ply(t->p->outputs, t->in.sums.vertices, "mesh has", err);
+	r = gather_input_read(&t->in, t->p, t->index, err);
 	if (!r && t->divides == BY_TILES)
-		r = divide(t, tasks, &any, err);
+		r = gather_tiles_new(&t->in, 0, &t->tiles, err);
+	if (!r && t->divides == BY_TILES)
+		any = gather_tiles_share(t->in.border, t->index, t->index + 1 == tasks, t->in.sums.triangles, t->share);
 	if (!r && any)
 		r = t->divides == BY_RECORDS ? share_outputs(t, tasks, err) : write_outputs(t, err);
 	return r || !any ? r : write_list(t, err);
@@ -360,7 +339,10 @@ static int make(void *ctx, struct work_attempt *attempt, uint32_t index, struct 
 int gather_task(const struct gather_params *p, uint32_t index, struct err *err)
 {
 	struct task t = {.p = p, .index = index};
-	int r = work_run(p->work, WORK_GATHER, index, make, &t, err);
+	int r = gather_check_run(p->work, err);
+
+	if (!r)
+		r = work_run(p->work, WORK_GATHER, index, make, &t, err);
 
 	if (r == WORK_E_LOST && t.published)
 		outputs_part_drop(t.run);

@@ -1,6 +1,7 @@
 /*
- * The phases gather and finish: the domains that the tasks of the phase mesh have in their packs become outputs.
+ * The phases sum, gather and finish: the domains that the tasks of the phase mesh have in their packs become outputs.
  *
+ * The task sum writes down what all packs have, and divides the work.
  * A task of gather writes its outputs beside their places, under names that have its attempt. The task finish gives them their
  * names and writes the report. Neither changes a file of an earlier phase.
  */
@@ -32,9 +33,17 @@ int gather_check(const struct ctl_fetch_options *, uint64_t claimed_points, stru
 /* Whether more than one task of gather can have something to do; if not, one is enough. */
 bool gather_divides(const struct ctl_fetch_options *);
 
-/* Task `index` of the phase gather, and the one of the phase finish; each publishes its record. */
+/* -ERR_VERSION: the run has no phase sum, since an older version began it. */
+int gather_check_run(const struct work *, struct err *err);
+
+/* The one task of the phase sum, task `index` of the phase gather, and the one of the phase finish; each publishes its record. */
+int gather_sum(const struct gather_params *, struct err *err);
 int gather_task(const struct gather_params *, uint32_t index, struct err *err);
 int gather_finish(const struct gather_params *, struct err *err);
+/* Before tasks are submitted again: where one has failed, the records of those whose results are not there any more are removed,
+ * so that these are made again: plans, packs, sums, lists of outputs, and outputs that have no name yet. *ret: how many. A task
+ * that runs meanwhile does no harm, but may fail. */
+int gather_recover(const struct gather_params *, uint32_t *ret, struct err *err);
 /* When no task of the run runs any more: removes what killed attempts left beside the outputs. Lists their folders. */
 int gather_clean(const struct gather_params *, struct err *err);
 

@@ -12,6 +12,7 @@
 #include "feed.h"
 #include "gather_priv.h"
 #include "io.h"
+#include "mesh_stream.h"
 
 struct emission {
 	const struct gather_input *in;
@@ -27,20 +28,8 @@ struct emission {
 static int take_block(void *ctx, const struct mesh_block *b, struct err *err)
 {
 	struct emission *e = ctx;
-	struct stream_block block = {
-		.index = b->index,
-		.first = b->first,
-		.nforeign = b->nforeign,
-		.nnew = b->nnew,
-		.ntriangle = b->ntriangle,
-		.foreign = b->foreign,
-		.vertex = (const int32_t(*)[3])b->vertex,
-		.triangle = b->triangle,
-		.flags = b->edges,
-		.final = b->final,
-	};
+	const struct stream_block block = mesh_stream_block(b);
 
-	memcpy(block.box, b->box, sizeof(block.box));
 	e->blocks++;
 	return feed_block(&e->feed, &block, err);
 }

@@ -29,6 +29,7 @@ struct finish {
 	bool shared;                      /* all tasks have written the same files */
 	struct gather_share_sums written; /* by them */
 	char own[GATHER_PART];
+	char agreed[GATHER_PART]; /* if shared: the name of these files */
 };
 
 /* ---- the parts ---- */
@@ -108,6 +109,8 @@ static int join_one(struct finish *f, uint32_t task, struct err *err)
 		f->peak = record->peak > f->peak ? record->peak : f->peak;
 		part = work_record_text(record, "part");
 	}
+	if (!r && f->shared && strcmp(part ? part : "", f->agreed) != 0)
+		r = err_set(err, ERR_GONE, "task %u of gather has written outputs that are not there any more", task);
 	if (!r && f->shared)
 		r = add_written(f, record, err);
 	if (!r && record->nfile && !part)
@@ -180,6 +183,10 @@ static int join(struct finish *f, struct err *err)
 	r = feed_begin(&f->feed, f->head, err);
 	if (!r)
 		r = from_run(f, feed_head(&f->feed, f->head, err), err);
+	if (!r && f->shared)
+		r = gather_share_agreed(f->p, f->agreed, err);
+	if (r == WORK_E_ABSENT)
+		r = err_set(err, ERR_GONE, "nothing says which files the tasks have written");
 	if (!r)
 		r = join_all(f, err);
 	if (!r && f->shared)
@@ -334,7 +341,7 @@ static int report(struct finish *f, struct err *err)
 
 static int run(struct finish *f, struct err *err)
 {
-	int r = gather_input_read(&f->in, f->p, err);
+	int r = gather_input_read(&f->in, f->p, 0, err);
 
 	f->head = calloc(1, sizeof(*f->head));
 	f->shared = work_about(f->p->work)->tasks[WORK_GATHER] > 1 && gather_shares(f->p->outputs);
@@ -342,8 +349,6 @@ static int run(struct finish *f, struct err *err)
 		r = err_set(err, ERR_NOMEM, "no memory to finish a run");
 	if (!r)
 		r = gather_input_check(&f->in, err);
-	if (!r)
-		r = gather_check_ply(f->p->outputs, f->in.sums.vertices, "mesh has", err);
 	if (!r)
 		r = join(f, err);
 	if (r == -ERR_GONE && f->shared)
@@ -371,7 +376,10 @@ static int make(void *ctx, struct work_attempt *attempt, uint32_t index, struct 
 int gather_finish(const struct gather_params *p, struct err *err)
 {
 	struct finish f = {.p = p};
-	int r = work_run(p->work, WORK_FINISH, 0, make, &f, err);
+	int r = gather_check_run(p->work, err);
+
+	if (!r)
+		r = work_run(p->work, WORK_FINISH, 0, make, &f, err);
 
 	f.run = outputs_free(f.run);
 	if (!r || r == WORK_E_LOST)

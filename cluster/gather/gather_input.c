@@ -1,6 +1,7 @@
 /*
- * What gather reads: the manifest of the dataset, the record of the plan, the records and packs of the phase mesh. Records say
- * what is in a pack and where, so that a task opens only the packs that it needs; finish compares all of them with the indexes.
+ * What gather reads: the manifest of the dataset, the record of the plan, the sums of the phase mesh (gather_sum.c), and packs.
+ * The sums say what is in a pack and where, so that a task opens only the packs that it needs; finish compares all of them with
+ * the indexes.
  *
  * Tasks of the phase mesh have ranges of the plan, in order, and the domains in a pack are in order, so all packs in the order of
  * their tasks are the plan. Packs are opened one at a time. Everything is named by records, and waited for.
@@ -34,76 +35,34 @@ static int read_manifest(struct gather_input *in, struct err *err)
 	if (!r)
 		r = grid_manifest_load(work_fd(in->p->work), commit->file[0].name, in->ledger, &in->manifest, err);
 	work_record_free(commit);
-	in->held = ledger_held(in->ledger, LEDGER_MANIFEST) + ((uint64_t)in->npacks + 1) * sizeof(*in->pack);
+	in->held = ledger_held(in->ledger, LEDGER_MANIFEST) +
+		   gather_sum_bytes(in->npacks, work_about(in->p->work)->tasks[WORK_GATHER]);
 	return r;
 }
 
-/* The record of a task of the phase mesh. */
-static int task_of(struct gather_input *in, uint32_t task, struct mesh_task *about, struct err *err)
-{
-	struct gather_pack *pack = &in->pack[task];
-	int r = mesh_task_about(in->p->work, task, about, err);
-
-	if (r)
-		return r;
-	memcpy(pack->name, about->pack, sizeof(pack->name));
-	pack->size = about->bytes;
-	pack->domains = about->extent.domains;
-	pack->each = about->extent.each;
-	pack->ngroup = about->extent.n;
-	pack->group = calloc((size_t)pack->ngroup + 1, sizeof(*pack->group));
-	if (!pack->group)
-		return err_set(err, ERR_NOMEM, "no memory for what is known of packs");
-	memcpy(pack->group, about->extent.group, pack->ngroup * sizeof(*pack->group));
-	in->held += ((uint64_t)pack->ngroup + 1) * sizeof(*pack->group);
-	mesh_sums_add(&in->sums, &about->sums);
-	mesh_box_add(in->box, about->extent.box);
-	in->memory = about->extent.largest > in->memory ? about->extent.largest : in->memory;
-	return 0;
-}
-
-static int read_records(struct gather_input *in, struct err *err)
-{
-	struct mesh_task *about = malloc(sizeof(*about));
-	int r = about ? 0 : err_set(err, ERR_NOMEM, "no memory for a record");
-
-	mesh_box_begin(in->box);
-	for (uint32_t i = 0; i < in->npacks && !r; i++)
-		r = task_of(in, i, about, err);
-	if (in->box[0] > in->box[3])
-		memset(in->box, 0, sizeof(in->box));
-	free(about);
-	return r;
-}
-
-/* Euler's formula, as of pipe_emitter_finish. */
-static int check_whole(const struct mesh_sums *s, struct err *err)
-{
-	if (!s->triangles || s->triangles == 2 * s->vertices - 2 - s->hull)
-		return 0;
-	return err_set(err, ERR_INTERNAL, "the mesh is not whole: %llu vertices, %llu triangles, %llu on the hull",
-		       (unsigned long long)s->vertices, (unsigned long long)s->triangles, (unsigned long long)s->hull);
-}
-
-int gather_input_read(struct gather_input *in, const struct gather_params *p, struct err *err)
+int gather_input_begin(struct gather_input *in, const struct gather_params *p, struct err *err)
 {
 	int r;
 
-	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH]};
+	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH], .sum_fd = -1};
 	in->pack = calloc((size_t)in->npacks + 1, sizeof(*in->pack));
 	in->ledger = ledger_new(INT64_MAX); /* which only counts: all else comes after the manifest */
 	r = in->pack && in->ledger ? read_manifest(in, err) : err_set(err, ERR_NOMEM, "no memory for the names of packs");
-	if (!r)
-		r = mesh_plan_about(p->work, &in->plan, err);
-	if (!r)
-		r = read_records(in, err);
-	return r ? r : check_whole(&in->sums, err);
+	return r ? r : mesh_plan_about(p->work, &in->plan, err);
+}
+
+int gather_input_read(struct gather_input *in, const struct gather_params *p, uint32_t task, struct err *err)
+{
+	int r = gather_input_begin(in, p, err);
+
+	return r ? r : gather_sum_read(in, task, err);
 }
 
 void gather_input_done(struct gather_input *in)
 {
-	for (uint32_t i = 0; in->pack && i < in->npacks; i++)
-		free(in->pack[i].group);
+	if (!in->p)
+		return;
+	io_close(in->sum_fd);
 	free(in->pack);
 	grid_manifest_free(in->manifest);
 	ledger_free(in->ledger);
@@ -137,52 +96,51 @@ static int walk_some(const struct walk *w, const struct store_pack *pack, uint64
 	return r;
 }
 
-static bool group_wanted(const struct walk *w, const struct gather_pack *of, uint32_t group)
-{
-	return !w->choice || w->choice->group(w->choice->ctx, &of->group[group]);
-}
-
 /* Groups that are wanted and follow each other are read together. */
-static int walk_pack(const struct walk *w, const struct store_pack *pack, const struct gather_pack *of, struct err *err)
+static int walk_pack(const struct walk *w, uint32_t i, struct err *err)
 {
-	int r = 0;
+	const struct gather_pack *of = &w->in->pack[i];
+	bool wanted[MESH_GROUPS + 1] = {false}, any = !w->choice;
+	struct mesh_group group[MESH_GROUPS];
+	struct gather_opened o = {.fd = -1};
+	int r = w->choice ? gather_groups(w->in, i, group, err) : 0;
 
-	for (uint32_t i = 0, end; i < of->ngroup && !r; i = end + 1) {
-		for (end = i; end < of->ngroup && group_wanted(w, of, end);)
-			end++;
-		r = walk_some(w, pack, i * of->each, end * of->each < pack->n ? end * of->each : pack->n, err);
+	for (uint32_t k = 0; k < of->ngroup && !r; k++) {
+		wanted[k] = !w->choice || w->choice->group(w->choice->ctx, &group[k]);
+		any |= wanted[k];
 	}
+	if (!r && any)
+		r = gather_pack_open(w->in, i, &o, err);
+	for (uint32_t k = 0, end; any && k < of->ngroup && !r; k = end + 1) {
+		for (end = k; wanted[end];)
+			end++;
+		r = walk_some(w, &o.of, k * of->each, end * of->each < of->domains ? end * of->each : of->domains, err);
+	}
+	io_close(o.fd);
 	return r;
 }
 
-static bool pack_wanted(const struct walk *w, const struct gather_pack *of)
+int gather_pack_open(const struct gather_input *in, uint32_t i, struct gather_opened *ret, struct err *err)
 {
-	uint32_t i = 0;
+	const struct gather_pack *of = &in->pack[i];
+	int r;
 
-	while (i < of->ngroup && !group_wanted(w, of, i))
-		i++;
-	return *of->name && i < of->ngroup;
-}
-
-int gather_pack_open(const struct gather_input *in, uint32_t i, int *ret_fd, struct store_pack *ret, struct err *err)
-{
-	int fd = -1, r = work_file_open(in->p->work, in->pack[i].name, in->pack[i].size, &fd, err);
-
-	if (!r)
-		r = store_pack_open(fd, in->pack[i].name, ret, err);
-	if (!r && !digest_equal(ret->of, in->plan.of)) {
+	gather_pack_name(in, i, ret->name);
+	r = work_file_open(in->p->work, ret->name, of->size, &ret->fd, err);
+	if (r)
+		return r;
+	r = store_pack_open(ret->fd, ret->name, &ret->of, err);
+	if (!r && !digest_equal(ret->of.of, in->plan.of)) {
 		err_set(err, ERR_CORRUPT, "the pack is of another mesh");
-		r = err_add_file(err, in->pack[i].name);
+		r = err_add_file(err, ret->name);
 	}
-	if (!r && ret->n != in->pack[i].domains) {
-		err_set(err, ERR_CORRUPT, "the pack has %llu domains, and its task has recorded %llu", (unsigned long long)ret->n,
-			(unsigned long long)in->pack[i].domains);
-		r = err_add_file(err, in->pack[i].name);
+	if (!r && ret->of.n != of->domains) {
+		err_set(err, ERR_CORRUPT, "the pack has %llu domains, and its task has recorded %llu",
+			(unsigned long long)ret->of.n, (unsigned long long)of->domains);
+		r = err_add_file(err, ret->name);
 	}
 	if (r)
-		io_close(fd);
-	else
-		*ret_fd = fd;
+		ret->fd = io_close(ret->fd);
 	return r;
 }
 
@@ -192,70 +150,56 @@ int gather_walk(const struct gather_input *in, const struct gather_choice *choic
 	const struct walk w = {in, choice, each, ctx, calloc(ENTRIES, sizeof(struct store_pack_entry))};
 	int r = w.entry ? 0 : err_set(err, ERR_NOMEM, "no memory for the index of a pack");
 
-	for (uint32_t i = 0; i < in->npacks && !r; i++) {
-		struct store_pack pack;
-		int fd = -1;
-
-		if (!pack_wanted(&w, &in->pack[i]))
-			continue;
-		r = gather_pack_open(in, i, &fd, &pack, err);
-		if (!r)
-			r = walk_pack(&w, &pack, &in->pack[i], err);
-		io_close(fd);
-	}
+	for (uint32_t i = 0; i < in->npacks && !r; i++)
+		if (in->pack[i].ngroup && (!choice || choice->group(choice->ctx, &in->pack[i].all)))
+			r = walk_pack(&w, i, err);
 	free(w.entry);
 	return r;
 }
 
-/* ---- records and indexes ---- */
+/* ---- sums and indexes ---- */
 
 struct checking {
 	const struct gather_input *in;
-	const char *name; /* of the pack */
-	uint32_t pack;
 	struct mesh_sums sums;
 	int32_t box[6];
-	struct mesh_extent extent; /* of this pack */
+	struct mesh_extent extent, said; /* of one pack, by its index and by the sums */
 };
-
-static int check_groups(const struct checking *c, struct err *err)
-{
-	const struct gather_pack *of = &c->in->pack[c->pack];
-	const struct mesh_extent *x = &c->extent;
-	struct mesh_extent said = *x;
-
-	said.n = of->ngroup;
-	said.each = of->each;
-	memcpy(said.group, of->group, of->ngroup * sizeof(*of->group));
-	if (mesh_extent_same(x, &said))
-		return 0;
-	err_set(err, ERR_CORRUPT, "the record of the pack says of other places where its domains are");
-	return err_add_file(err, of->name);
-}
 
 static int check_domain(void *ctx, const struct store_pack *pack, const struct store_pack_entry *e, struct err *err)
 {
 	struct checking *c = ctx;
-	int r = 0;
+	const struct mesh_sums own = {.domains = 1,
+				      .vertices = e->own,
+				      .triangles = e->ntriangle,
+				      .hull = e->nhull,
+				      .digest = e->digest,
+				      .vertex_digest = e->own_digest};
 
-	if (pack->name != c->name) {
-		r = c->name ? check_groups(c, err) : 0;
-		mesh_extent_begin(&c->extent);
-		c->name = pack->name;
-		while (pack->name != c->in->pack[c->pack].name)
-			c->pack++;
-	}
+	(void)pack;
+	(void)err;
+	mesh_sums_add(&c->sums, &own);
 	mesh_extent_add(&c->extent, e);
-	c->sums.domains++;
-	c->sums.vertices += e->own;
-	c->sums.hull += e->nhull;
-	digest_add(&c->sums.vertex_digest, e->own_digest);
-	if (e->nvertex) {
-		c->sums.triangles += e->ntriangle;
-		digest_add(&c->sums.digest, e->digest);
-		mesh_box_add(c->box, e->box);
-	}
-	return r;
+	return 0;
+}
+
+static int check_pack(struct checking *c, const struct walk *w, uint32_t i, struct err *err)
+{
+	const struct gather_pack *of = &c->in->pack[i];
+	int r;
+
+	mesh_extent_begin(&c->extent);
+	r = walk_pack(w, i, err);
+	c->said = c->extent; /* what the sums do not have of one pack alone is the same */
+	c->said.each = of->each;
+	c->said.n = of->ngroup;
+	if (!r)
+		r = gather_groups(c->in, i, c->said.group, err);
+	mesh_box_add(c->box, c->extent.box);
+	if (r || mesh_extent_same(&c->extent, &c->said))
+		return r;
+	err_set(err, ERR_CORRUPT, "the record of mesh %u says of other places where its domains are", i);
+	return err_add_file(err, c->in->sum_name);
 }
 
 static int check_sums(const struct checking *c, struct err *err)
@@ -275,17 +219,19 @@ static int check_sums(const struct checking *c, struct err *err)
 int gather_input_check(const struct gather_input *in, struct err *err)
 {
 	struct checking *c = calloc(1, sizeof(*c));
-	int r;
+	const struct walk w = {in, NULL, check_domain, c, calloc(ENTRIES, sizeof(struct store_pack_entry))};
+	int r = c && w.entry ? 0 : err_set(err, ERR_NOMEM, "no memory for the sums of packs");
 
-	if (!c)
-		return err_set(err, ERR_NOMEM, "no memory for the sums of packs");
-	c->in = in;
-	mesh_box_begin(c->box);
-	r = gather_walk(in, NULL, check_domain, c, err);
-	if (!r && c->name)
-		r = check_groups(c, err);
+	if (c) {
+		c->in = in;
+		mesh_box_begin(c->box);
+	}
+	for (uint32_t i = 0; i < in->npacks && !r; i++)
+		if (in->pack[i].ngroup)
+			r = check_pack(c, &w, i, err);
 	if (!r)
 		r = check_sums(c, err);
+	free(w.entry);
 	free(c);
 	return r;
 }

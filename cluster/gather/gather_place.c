@@ -2,179 +2,101 @@
  * The number of each vertex in a file that several tasks write at once.
  *
  * The model: the domain whose region holds a position numbers it. So the numbers of a domain begin at the sum of the positions of
- * all domains before it, which are in the indexes of the packs, and a task knows where they begin without reading a vertex. In a
- * domain the order is: open vertices that its region holds, closed vertices, positions of the region that none of its own
- * triangles uses. A corner in the region of another domain is open there, or is one of the latter. So of another domain only its
- * open vertices are read (store_pack_front), and only if a triangle at the border of a range needs them. The last such domains
- * are kept.
- *
- * Positions that no triangle of their own domain uses are about three in ten million, and as many as there are where survey and
- * regions are sparse. Nothing says where they are, but their number is known, and they are open vertices of other domains: those
- * whose box meets the region are read. So a pack needs nothing more for them.
+ * all domains before it. These sums are known of packs and of groups of domains without opening a pack (gather_sum.c); in a group
+ * they follow from its part of the index, which is read when something of the group is needed, and kept. So a task opens the
+ * packs of its range and those of its neighbours. In a domain the order is: open vertices that its region holds, closed vertices,
+ * positions of the region that none of its own triangles uses. Corners in regions of other domains are looked up
+ * (gather_corner.c).
  */
 #include <stdlib.h>
 #include <string.h>
 
-#include "cut.h"
-#include "gather_priv.h"
+#include "gather_place.h"
 #include "io.h"
-#include "point.h"
 
-enum { TABLES = 256, PACKS = 8 };
-
-/* Morton keys of a part of a region. */
-struct span {
-	uint64_t low, high;
-	uint32_t domain;
-};
-struct seat {
-	uint64_t place, number;
-};
-/* What others need of a domain. */
-struct table {
-	uint32_t domain;
-	size_t n, nextra;
-	struct seat *seat;         /* by place */
-	struct mesh_vertex *extra; /* by place: positions without a triangle of the domain's own */
-	uint64_t used;             /* when */
-};
-struct opened {
-	uint32_t pack;
-	int fd; /* -1: none */
-	struct store_pack of;
-};
-struct gather_places {
-	const struct gather_input *in;
-	struct gather_place *place;
-	struct span *span;
-	size_t n, room, nspan, room_spans;
-	struct table table[TABLES];
-	uint64_t clock, held, most; /* bytes of tables */
-	struct opened opened[PACKS];
-	unsigned next;
-	void *front;
-	size_t front_bytes;
-	struct gather_place_counts counts;
-};
-
-static uint64_t place_of(const struct mesh_vertex *v)
-{
-	return digest_place(v->x, v->y);
-}
-
-/* ---- all domains ---- */
-
-static int add_spans(struct gather_places *p, const struct cut_region *region, uint32_t domain, struct err *err)
-{
-	struct cut_range range[4];
-	unsigned n = cut_region_ranges(region, range);
-
-	if (p->nspan + n > p->room_spans) {
-		size_t room = 2 * (p->nspan + n) + 64;
-		struct span *more = realloc(p->span, room * sizeof(*more));
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for the regions of %zu domains", p->n);
-		p->span = more;
-		p->room_spans = room;
-	}
-	for (unsigned i = 0; i < n; i++)
-		p->span[p->nspan++] = (struct span){range[i].lo, range[i].hi, domain};
-	return 0;
-}
-
-/* Packs come in order, each with its own name. */
-static int add_place(void *ctx, const struct store_pack *pack, const struct store_pack_entry *e, struct err *err)
-{
-	struct gather_places *p = ctx;
-	const struct gather_place *before = p->n ? &p->place[p->n - 1] : NULL;
-	struct gather_place own = {.pack = before ? before->pack : 0,
-				   .own = e->own,
-				   .nvertex = e->nvertex,
-				   .nopen = e->nopen,
-				   .ntriangle = e->nvertex ? e->ntriangle : 0};
-
-	if (p->n == p->room)
-		return err_set(err, ERR_INTERNAL, "the packs have more domains than before");
-	while (pack->name != p->in->pack[own.pack].name)
-		own.pack++;
-	if (before && before->pack == own.pack)
-		own.entry = before->entry + 1;
-	if (before) {
-		own.first = before->first + before->own;
-		own.first_triangle = before->first_triangle + before->ntriangle;
-	}
-	memcpy(own.box, e->box, sizeof(own.box));
-	if (!cut_region_parse(e->region, &own.region)) {
-		err_set(err, ERR_CORRUPT, "a pack has a domain of no region: \"%.64s\"", e->region);
-		return err_add_file(err, pack->name);
-	}
-	p->place[p->n++] = own;
-	return add_spans(p, &own.region, (uint32_t)p->n - 1, err);
-}
-
-static int by_low(const void *a, const void *b)
-{
-	const struct span *x = a, *y = b;
-
-	return x->low < y->low ? -1 : x->low > y->low;
-}
-
-uint64_t gather_places_bytes(uint64_t domains)
-{
-	return domains * (sizeof(struct gather_place) + 2 * sizeof(struct span)) + sizeof(struct gather_places);
-}
+enum { SOME = 16 };
+/* ---- memory ---- */
 
 int gather_places_new(const struct gather_input *in, uint64_t memory, struct gather_places **ret, struct err *err)
 {
 	struct gather_places *p = calloc(1, sizeof(*p));
-	int r;
 
 	if (!p)
 		return err_set(err, ERR_NOMEM, "no memory for the regions of domains");
 	p->in = in;
 	p->most = memory;
-	p->room = in->sums.domains;
-	for (unsigned i = 0; i < PACKS; i++)
-		p->opened[i].fd = -1;
-	p->place = calloc(p->room + 1, sizeof(*p->place));
-	r = p->place ? gather_walk(in, NULL, add_place, p, err) : err_set(err, ERR_NOMEM, "no memory for %zu domains", p->room);
-	if (!r && p->nspan)
-		qsort(p->span, p->nspan, sizeof(*p->span), by_low);
-	if (r)
-		gather_places_free(p);
-	else
-		*ret = p;
-	return r;
+	for (unsigned i = 0; i < PLACE_PACKS; i++)
+		p->opened[i].file.fd = -1;
+	p->pack = calloc((size_t)in->npacks + 1, sizeof(struct place_groups *));
+	p->held = sizeof(*p) + ((uint64_t)in->npacks + 1) * sizeof(struct place_groups *);
+	*ret = p;
+	if (p->pack)
+		return 0;
+	*ret = gather_places_free(p);
+	return err_set(err, ERR_NOMEM, "no memory for the regions of domains");
 }
 
-static void table_drop(struct gather_places *p, struct table *t)
+void place_table_drop(struct gather_places *p, struct place_table *t)
 {
 	p->held -= t->n * sizeof(*t->seat) + t->nextra * sizeof(*t->extra);
 	free(t->seat);
 	free(t->extra);
-	*t = (struct table){.n = 0};
+	*t = (struct place_table){.n = 0};
+}
+
+struct place_table *place_table_oldest(struct gather_places *p)
+{
+	struct place_table *old = NULL;
+
+	for (unsigned i = 0; i < PLACE_TABLES; i++)
+		if (p->table[i].used && (!old || p->table[i].used < old->used))
+			old = &p->table[i];
+	return old;
+}
+
+/* Memory that stays in use. Tables that were not used for long go for it. */
+static void *take_memory(struct gather_places *p, uint64_t bytes, struct err *err)
+{
+	struct place_table *old;
+	void *at;
+
+	while (p->held + bytes > p->most && (old = place_table_oldest(p)))
+		place_table_drop(p, old);
+	if (p->held + bytes > p->most) {
+		err_set(err, ERR_LIMIT, "the regions of a task take more than %llu bytes of memory", (unsigned long long)p->most);
+		err_add_hint(err, "give tasks more memory (--task-memory)");
+		return NULL;
+	}
+	at = malloc(bytes);
+	if (!at)
+		err_set(err, ERR_NOMEM, "no memory for the regions of domains");
+	else
+		p->held += bytes;
+	return at;
+}
+
+uint64_t gather_places_held(const struct gather_places *p)
+{
+	return p->held;
 }
 
 struct gather_places *gather_places_free(struct gather_places *p)
 {
 	if (!p)
 		return NULL;
-	for (unsigned i = 0; i < TABLES; i++)
-		table_drop(p, &p->table[i]);
-	for (unsigned i = 0; i < PACKS; i++)
-		io_close(p->opened[i].fd);
+	for (unsigned i = 0; i < PLACE_TABLES; i++)
+		place_table_drop(p, &p->table[i]);
+	for (unsigned i = 0; i < PLACE_PACKS; i++)
+		io_close(p->opened[i].file.fd);
+	for (uint32_t i = 0; p->pack && i < p->in->npacks; i++) {
+		for (unsigned k = 0; p->pack[i] && k < MESH_GROUPS; k++)
+			free(p->pack[i]->place[k]);
+		free(p->pack[i]);
+	}
+	free(p->pack);
 	free(p->front);
-	free(p->place);
-	free(p->span);
 	free(p);
 	return NULL;
-}
-
-const struct gather_place *gather_place(const struct gather_places *p, size_t *ret_n)
-{
-	*ret_n = p->n;
-	return p->place;
 }
 
 struct gather_place_counts gather_place_counts(const struct gather_places *p)
@@ -186,39 +108,39 @@ struct gather_place_counts gather_place_counts(const struct gather_places *p)
 
 static int open_pack(struct gather_places *p, uint32_t pack, const struct store_pack **ret, struct err *err)
 {
-	struct opened *o;
+	struct place_opened *o;
 	int r;
 
-	for (unsigned i = 0; i < PACKS; i++)
-		if (p->opened[i].fd >= 0 && p->opened[i].pack == pack) {
-			*ret = &p->opened[i].of;
+	for (unsigned i = 0; i < PLACE_PACKS; i++)
+		if (p->opened[i].file.fd >= 0 && p->opened[i].pack == pack) {
+			*ret = &p->opened[i].file.of;
 			return 0;
 		}
-	o = &p->opened[p->next++ % PACKS];
-	o->fd = io_close(o->fd);
-	r = gather_pack_open(p->in, pack, &o->fd, &o->of, err);
+	o = &p->opened[p->next++ % PLACE_PACKS];
+	o->file.fd = io_close(o->file.fd);
+	r = gather_pack_open(p->in, pack, &o->file, err);
 	o->pack = pack;
 	if (!r)
-		*ret = &o->of;
+		*ret = &o->file.of;
 	return r;
 }
 
-int gather_place_entry(struct gather_places *p, size_t domain, const struct store_pack **ret_pack, struct store_pack_entry *ret,
-		       struct err *err)
+int gather_place_entry(struct gather_places *p, const struct gather_place *at, const struct store_pack **ret_pack,
+		       struct store_pack_entry *ret, struct err *err)
 {
-	const struct gather_place *at = &p->place[domain];
 	int r = open_pack(p, at->pack, ret_pack, err);
 
 	return r ? r : store_pack_entries(*ret_pack, at->entry, 1, ret, err);
 }
 
 /* Links and open vertices of a domain; valid until the next one. */
-static int read_front(struct gather_places *p, size_t domain, struct mesh_domain *ret, struct err *err)
+int place_front(struct gather_places *p, const struct gather_place *at, struct mesh_domain *ret, struct err *err)
 {
 	const struct store_pack *pack;
 	struct store_pack_entry e;
-	int r = gather_place_entry(p, domain, &pack, &e, err);
+	int r = gather_place_entry(p, at, &pack, &e, err);
 
+	p->counts.fronts++;
 	if (!r && store_pack_front_bytes(&e) > p->front_bytes) {
 		free(p->front);
 		p->front_bytes = store_pack_front_bytes(&e);
@@ -231,238 +153,177 @@ static int read_front(struct gather_places *p, size_t domain, struct mesh_domain
 	return r ? r : store_pack_front(pack, &e, p->front, ret, err);
 }
 
-/* ---- tables ---- */
+/* ---- groups ---- */
 
-static int by_seat(const void *a, const void *b)
+int place_groups(struct gather_places *p, uint32_t pack, struct place_groups **ret, struct err *err)
 {
-	const struct seat *x = a, *y = b;
+	const struct gather_pack *of = &p->in->pack[pack];
+	struct place_groups *g = p->pack[pack];
+	uint64_t first = of->first, triangles = of->first_triangle;
+	int r;
 
-	return x->place < y->place ? -1 : x->place > y->place;
-}
-
-static const struct seat *find(const struct table *t, uint64_t place)
-{
-	const struct seat key = {.place = place};
-
-	return t->n ? bsearch(&key, t->seat, t->n, sizeof(*t->seat), by_seat) : NULL;
-}
-
-static int by_vertex(const void *a, const void *b)
-{
-	const uint64_t x = place_of(a), y = place_of(b);
-
-	return x < y ? -1 : x > y;
-}
-
-struct extras {
-	struct mesh_vertex *v;
-	size_t n, room;
-};
-
-static int add_extra(struct extras *x, const struct mesh_vertex *v, struct err *err)
-{
-	if (x->n == x->room) {
-		size_t room = x->room ? 2 * x->room : 16;
-		struct mesh_vertex *more = realloc(x->v, room * sizeof(*more));
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for the vertices of a region");
-		x->v = more;
-		x->room = room;
+	*ret = g;
+	if (g)
+		return 0;
+	g = take_memory(p, sizeof(*g), err);
+	if (!g)
+		return -(int)err->code;
+	p->pack[pack] = g;
+	memset(g, 0, sizeof(*g));
+	r = gather_groups(p->in, pack, g->group, err);
+	for (uint32_t k = 0; k < of->ngroup && !r; k++) {
+		g->first[k] = first;
+		g->first_triangle[k] = triangles;
+		first += g->group[k].vertices;
+		triangles += g->group[k].triangles;
 	}
-	x->v[x->n++] = *v;
-	return 0;
-}
-
-static bool meets(const struct gather_place *of, const int64_t box[4])
-{
-	/* doubled numbers of the region */
-	return of->nopen && 2 * (int64_t)of->box[0] <= box[2] && 2 * (int64_t)of->box[3] >= box[0] &&
-	       2 * (int64_t)of->box[1] <= box[3] && 2 * (int64_t)of->box[4] >= box[1];
-}
-
-static int look_in(struct gather_places *p, size_t domain, const struct table *t, const struct cut_region *region,
-		   struct extras *x, struct err *err)
-{
-	struct mesh_domain d;
-	int r = read_front(p, domain, &d, err);
-
-	for (uint32_t i = 0; !r && i < d.nopen; i++)
-		if (cut_region_holds(region, d.vertex[i].x, d.vertex[i].y) && !find(t, place_of(&d.vertex[i])))
-			r = add_extra(x, &d.vertex[i], err);
+	*ret = g;
 	return r;
 }
 
-/* The `want` positions of a domain that are not in its table yet. */
-static int find_extras(struct gather_places *p, struct table *t, uint64_t want, struct err *err)
+uint32_t place_group_size(const struct gather_pack *of, uint32_t k)
 {
-	const struct gather_place *of = &p->place[t->domain];
-	struct extras x = {NULL, 0, 0};
-	int64_t box[4];
-	size_t n = 0;
+	const uint64_t left = of->domains - k * of->each;
+
+	return (uint32_t)(left < of->each ? left : of->each);
+}
+
+static int set_place(struct gather_place *own, const struct store_pack *pack, const struct store_pack_entry *e, struct err *err)
+{
+	own->own = e->own;
+	own->nvertex = e->nvertex;
+	own->nopen = e->nopen;
+	own->ntriangle = e->nvertex ? e->ntriangle : 0;
+	memcpy(own->box, e->box, sizeof(own->box));
+	if (cut_region_parse(e->region, &own->region))
+		return 0;
+	err_set(err, ERR_CORRUPT, "a pack has a domain of no region: \"%.64s\"", e->region);
+	return err_add_file(err, pack->name);
+}
+
+static int read_places(struct gather_places *p, uint32_t pack, uint32_t k, struct place_groups *g, struct err *err)
+{
+	const struct gather_pack *of = &p->in->pack[pack];
+	const uint32_t n = place_group_size(of, k);
+	struct gather_place *place = g->place[k], before = {.first = g->first[k], .first_triangle = g->first_triangle[k]};
+	struct store_pack_entry entry[SOME];
+	const struct store_pack *file;
+	int r = open_pack(p, pack, &file, err);
+
+	for (uint32_t i = 0; i < n && !r; i++) {
+		if (i % SOME == 0)
+			r = store_pack_entries(file, k * of->each + i, n - i < SOME ? n - i : SOME, entry, err);
+		place[i] = (struct gather_place){.pack = pack,
+						 .entry = (uint32_t)(k * of->each + i),
+						 .first = before.first + before.own,
+						 .first_triangle = before.first_triangle + before.ntriangle};
+		if (!r)
+			r = set_place(&place[i], file, &entry[i % SOME], err);
+		before = place[i];
+	}
+	if (r || (before.first + before.own == g->first[k] + g->group[k].vertices &&
+		  before.first_triangle + before.ntriangle == g->first_triangle[k] + g->group[k].triangles))
+		return r;
+	err_set(err, ERR_CORRUPT, "the pack has other numbers of vertices and triangles than its record");
+	return err_add_file(err, file->name);
+}
+
+int place_group(struct gather_places *p, uint32_t pack, uint32_t k, const struct gather_place **ret, struct err *err)
+{
+	struct place_groups *g;
+	int r = place_groups(p, pack, &g, err);
+
+	if (r || g->place[k]) {
+		*ret = r ? NULL : g->place[k];
+		return r;
+	}
+	g->place[k] = take_memory(p, place_group_size(&p->in->pack[pack], k) * sizeof(struct gather_place), err);
+	if (!g->place[k])
+		return -(int)err->code;
+	*ret = g->place[k];
+	return read_places(p, pack, k, g, err);
+}
+
+int gather_places_walk(struct gather_places *p, const struct gather_places_choice *choice, gather_place_fn each, void *ctx,
+		       struct err *err)
+{
+	const struct gather_place *place;
+	struct place_groups *g;
 	int r = 0;
 
-	cut_region_box(&of->region, box);
-	for (size_t i = 0; i < p->n && !r; i++)
-		if (i != t->domain && meets(&p->place[i], box))
-			r = look_in(p, i, t, &of->region, &x, err);
-	if (!r && x.n)
-		qsort(x.v, x.n, sizeof(*x.v), by_vertex);
-	for (size_t i = 0; i < x.n; i++)
-		if (!n || place_of(&x.v[n - 1]) != place_of(&x.v[i]))
-			x.v[n++] = x.v[i];
-	if (!r && n != want)
-		r = err_set(err, ERR_INTERNAL,
-			    "a region has %llu positions without triangles of its own, and others use %zu of it",
-			    (unsigned long long)want, n);
-	if (r) {
-		free(x.v);
-		return r;
-	}
-	t->extra = x.v;
-	t->nextra = n;
-	p->counts.found += n;
-	return 0;
-}
+	for (uint32_t i = 0; i < p->in->npacks && !r; i++) {
+		const struct gather_pack *of = &p->in->pack[i];
 
-static int add_extra_seats(struct table *t, uint64_t first, struct err *err)
-{
-	struct seat *more = realloc(t->seat, (t->n + t->nextra + 1) * sizeof(*more));
+		if (!of->ngroup || !choice->wants(choice->ctx, of->first_domain, of->domains, of->first, of->all.vertices,
+						  of->first_triangle, of->all.triangles))
+			continue;
+		r = place_groups(p, i, &g, err);
+		for (uint32_t k = 0; k < of->ngroup && !r; k++) {
+			const uint64_t first = of->first_domain + k * of->each;
+			const uint32_t n = place_group_size(of, k);
 
-	if (!more)
-		return err_set(err, ERR_NOMEM, "no memory for the vertices of a region");
-	t->seat = more;
-	for (size_t i = 0; i < t->nextra; i++)
-		t->seat[t->n++] = (struct seat){place_of(&t->extra[i]), first + i};
-	qsort(t->seat, t->n, sizeof(*t->seat), by_seat);
-	return 0;
-}
-
-static int fill(struct gather_places *p, struct table *t, struct err *err)
-{
-	const struct gather_place *of = &p->place[t->domain];
-	uint64_t have = of->nvertex - of->nopen;
-	struct mesh_domain d = {.nopen = 0};
-	int r = of->nopen ? read_front(p, t->domain, &d, err) : 0;
-
-	t->seat = malloc(((size_t)of->nopen + 1) * sizeof(*t->seat));
-	if (!r && !t->seat)
-		r = err_set(err, ERR_NOMEM, "no memory for the vertices of a region");
-	for (uint32_t i = 0; !r && i < d.nopen; i++)
-		if (cut_region_holds(&of->region, d.vertex[i].x, d.vertex[i].y)) {
-			t->seat[t->n] = (struct seat){place_of(&d.vertex[i]), of->first + t->n};
-			t->n++;
-		}
-	have += t->n;
-	if (!r && have > of->own)
-		r = err_set(err, ERR_INTERNAL, "a region has %llu positions, and its domain %llu of them",
-			    (unsigned long long)of->own, (unsigned long long)have);
-	if (!r && t->n)
-		qsort(t->seat, t->n, sizeof(*t->seat), by_seat);
-	if (r || have == of->own)
-		return r;
-	r = find_extras(p, t, of->own - have, err);
-	return r ? r : add_extra_seats(t, of->first + have, err);
-}
-
-static struct table *oldest(struct gather_places *p)
-{
-	struct table *old = NULL;
-
-	for (unsigned i = 0; i < TABLES; i++)
-		if (p->table[i].used && (!old || p->table[i].used < old->used))
-			old = &p->table[i];
-	return old;
-}
-
-/* A free one; tables that were not used for long go, so that all fit their memory. */
-static struct table *take(struct gather_places *p)
-{
-	struct table *t = NULL, *old;
-
-	while (p->held > p->most && (old = oldest(p)))
-		table_drop(p, old);
-	for (unsigned i = 0; i < TABLES && !t; i++)
-		t = p->table[i].used ? NULL : &p->table[i];
-	if (!t) {
-		t = oldest(p);
-		table_drop(p, t);
-	}
-	return t;
-}
-
-static int table_of(struct gather_places *p, size_t domain, const struct table **ret, struct err *err)
-{
-	struct table *t = NULL;
-	int r;
-
-	for (unsigned i = 0; i < TABLES && !t; i++)
-		t = p->table[i].used && p->table[i].domain == domain ? &p->table[i] : NULL;
-	if (!t) {
-		t = take(p);
-		*t = (struct table){.domain = (uint32_t)domain};
-		p->counts.tables++;
-		r = fill(p, t, err);
-		p->held += t->n * sizeof(*t->seat) + t->nextra * sizeof(*t->extra);
-		if (r) {
-			table_drop(p, t);
-			return r;
+			if (!choice->wants(choice->ctx, first, n, g->first[k], g->group[k].vertices, g->first_triangle[k],
+					   g->group[k].triangles))
+				continue;
+			r = place_group(p, i, k, &place, err);
+			for (uint32_t j = 0; j < n && !r; j++)
+				if (choice->wants(choice->ctx, first + j, 1, place[j].first, place[j].own,
+						  place[j].first_triangle, place[j].ntriangle))
+					r = each(ctx, first + j, &place[j], err);
 		}
 	}
-	t->used = ++p->clock;
-	*ret = t;
-	return 0;
+	return r;
 }
 
-/* ---- numbers ---- */
+/* ---- borders ---- */
 
-int gather_place_extras(struct gather_places *p, size_t domain, const struct mesh_vertex **ret, size_t *ret_n, struct err *err)
+struct part {
+	unsigned __int128 all;
+	uint32_t index, tasks;
+};
+
+static bool is_before(const struct part *of, uint64_t first, uint64_t first_triangle)
 {
-	const struct table *t;
-	int r = table_of(p, domain, &t, err);
-
-	if (r)
-		return r;
-	*ret = t->extra;
-	*ret_n = t->nextra;
-	return 0;
+	return (unsigned __int128)(first + first_triangle) * of->tasks < of->all * of->index;
 }
 
-static const struct gather_place *holder(const struct gather_places *p, const struct mesh_vertex *v, size_t *ret)
+/* The last pack that begins before the border, and of that the last group; false: none does. */
+static bool find_group(struct gather_places *p, const struct part *of, uint32_t *pack, uint32_t *group, int *r, struct err *err)
 {
-	const uint64_t key = point_morton(v->x, v->y);
-	size_t low = 0, high = p->nspan;
+	const struct gather_input *in = p->in;
+	struct place_groups *g;
+	bool any = false;
 
-	while (low < high) {
-		size_t middle = low + (high - low) / 2;
-
-		if (p->span[middle].low <= key)
-			low = middle + 1;
-		else
-			high = middle;
-	}
-	if (!low || p->span[low - 1].high < key)
-		return NULL;
-	*ret = p->span[low - 1].domain;
-	return &p->place[*ret];
+	for (uint32_t i = 0; i < in->npacks; i++)
+		if (in->pack[i].ngroup && is_before(of, in->pack[i].first, in->pack[i].first_triangle)) {
+			*pack = i;
+			any = true;
+		}
+	if (!any)
+		return false;
+	*r = place_groups(p, *pack, &g, err);
+	*group = 0;
+	for (uint32_t k = 0; k < in->pack[*pack].ngroup && !*r; k++)
+		if (is_before(of, g->first[k], g->first_triangle[k]))
+			*group = k;
+	return !*r;
 }
 
-int gather_place_number(struct gather_places *p, const struct mesh_vertex *v, uint64_t *ret, struct err *err)
+int gather_places_border(struct gather_places *p, uint32_t index, uint32_t tasks, struct gather_border *ret, struct err *err)
 {
-	const struct seat *seat = NULL;
-	const struct table *t;
-	size_t domain;
+	const struct mesh_sums *s = &p->in->sums;
+	const struct part of = {(unsigned __int128)s->vertices + s->triangles, index, tasks};
+	const struct gather_place *place;
+	uint32_t pack = 0, k = 0, n;
 	int r = 0;
 
-	if (holder(p, v, &domain)) {
-		r = table_of(p, domain, &t, err);
-		seat = r ? NULL : find(t, place_of(v));
-	}
-	if (!r && !seat)
-		r = err_set(err, ERR_INTERNAL, "the vertex at (%d, %d) is of no region", v->x, v->y);
-	if (r)
+	*ret = index == tasks ? (struct gather_border){s->domains, s->vertices, s->triangles} : (struct gather_border){0, 0, 0};
+	if (index == tasks || !find_group(p, &of, &pack, &k, &r, err))
 		return r;
-	p->counts.looked_up++;
-	*ret = seat->number;
-	return 0;
+	r = place_group(p, pack, k, &place, err);
+	n = place_group_size(&p->in->pack[pack], k);
+	for (uint32_t i = 0; i < n && !r && is_before(&of, place[i].first, place[i].first_triangle); i++)
+		*ret = (struct gather_border){p->in->pack[pack].first_domain + place[i].entry + 1, place[i].first + place[i].own,
+					      place[i].first_triangle + place[i].ntriangle};
+	return r;
 }

@@ -165,17 +165,28 @@ int gather_share_agree(const struct gather_params *p, struct work_attempt *attem
 	return r;
 }
 
+int gather_share_agreed(const struct gather_params *p, char part[GATHER_PART], struct err *err)
+{
+	return is_agreed(p) ? need_agreed(p, part, err) : WORK_E_ABSENT;
+}
+
+int gather_share_forget(const struct gather_params *p, const char *part, struct err *err)
+{
+	char name[WORK_NAME];
+	int r;
+
+	agreed_name(p, name);
+	r = io_remove(work_fd(p->work), name, err);
+	if (!r)
+		drop_files(p, part);
+	return r;
+}
+
 /* Whether the files were deleted, or have their names since finish, is not known here. */
 void gather_share_gone(const struct gather_params *p, struct err *err)
 {
-	char name[WORK_NAME];
-
-	agreed_name(p, name);
-	err_add_hint(
-		err,
-		"if it was deleted while the run wrote it, remove %s and done/gather-* in the work folder, then continue with "
-		"'acut-cluster resume'",
-		name);
+	(void)p;
+	err_add_hint(err, "if it was deleted while the run wrote it, 'acut-cluster resume' makes it again");
 }
 
 /* ---- domains ---- */
@@ -184,6 +195,7 @@ struct sharing {
 	const struct gather_input *in;
 	struct gather_places *places;
 	struct outputs *run;
+	uint64_t range[2]; /* of domains */
 	void *memory;
 	size_t size;
 	uint64_t looks;
@@ -226,7 +238,7 @@ static int give(struct sharing *s, uint64_t first, const struct mesh_vertex *v, 
 }
 
 /* All vertices that are the domain's. *ret_held: open ones. */
-static int give_vertices(struct sharing *s, size_t domain, const struct gather_place *at, const struct mesh_domain *d, bool mine,
+static int give_vertices(struct sharing *s, const struct gather_place *at, const struct mesh_domain *d, bool mine,
 			 uint32_t *ret_held, struct err *err)
 {
 	struct mesh_vertex some[SOME];
@@ -249,7 +261,7 @@ static int give_vertices(struct sharing *s, size_t domain, const struct gather_p
 	if (!r)
 		r = give(s, at->first + held, d->vertex + d->nopen, d->nvertex - d->nopen, mine, err);
 	if (!r && at->own != held + (uint64_t)d->nvertex - d->nopen)
-		r = gather_place_extras(s->places, domain, &extra, &nextra, err);
+		r = gather_place_extras(s->places, at, &extra, &nextra, err);
 	if (mine)
 		s->sums->extra += nextra;
 	return r ? r : give(s, at->first + at->own - nextra, extra, nextra, mine, err);
@@ -271,20 +283,20 @@ static int number_open(struct sharing *s, const struct gather_place *at, const s
 	return r;
 }
 
-static int write_domain(struct sharing *s, size_t domain, const struct gather_place *at, bool mine, struct err *err)
+static int write_domain(struct sharing *s, const struct gather_place *at, bool mine, struct err *err)
 {
 	const struct store_pack *pack;
 	struct store_pack_entry e;
 	struct mesh_domain d = {.nvertex = 0};
 	uint32_t held = 0;
 	uint64_t *number;
-	int r = gather_place_entry(s->places, domain, &pack, &e, err);
+	int r = gather_place_entry(s->places, at, &pack, &e, err);
 
 	s->sums->domains++;
 	if (!r)
 		r = store_pack_get(pack, &e, s->memory, s->size, &d, err);
 	if (!r)
-		r = give_vertices(s, domain, at, &d, mine, &held, err);
+		r = give_vertices(s, at, &d, mine, &held, err);
 	if (r || !d.ntriangle)
 		return r;
 	if (mine)
@@ -314,63 +326,60 @@ static int go_on(struct sharing *s, struct err *err)
 	return err_set(err, ERR_CANCELLED, "another attempt has done the task");
 }
 
-static int write_all(struct sharing *s, const size_t range[2], struct err *err)
+static bool wants(void *ctx, uint64_t domain, uint64_t n, uint64_t first, uint64_t vertices, uint64_t first_triangle,
+		  uint64_t triangles)
 {
-	size_t n;
-	const struct gather_place *place = gather_place(s->places, &n);
-	int r = 0;
+	const struct sharing *s = ctx;
 
-	for (size_t i = 0; i < n && !r; i++) {
-		const uint64_t vertices[2] = {place[i].first, place[i].own},
-			       triangles[2] = {place[i].first_triangle, place[i].ntriangle};
-		const bool mine = i >= range[0] && i < range[1];
+	return (domain < s->range[1] && domain + n > s->range[0]) ||
+	       outputs_share_wants(s->run, (const uint64_t[]){first, vertices}, (const uint64_t[]){first_triangle, triangles});
+}
 
-		if (!mine && !outputs_share_wants(s->run, vertices, triangles))
-			continue;
-		r = go_on(s, err);
-		if (!r)
-			r = write_domain(s, i, &place[i], mine, err);
-	}
-	return r;
+static int write_one(void *ctx, uint64_t domain, const struct gather_place *at, struct err *err)
+{
+	struct sharing *s = ctx;
+	int r = go_on(s, err);
+
+	return r ? r : write_domain(s, at, domain >= s->range[0] && domain < s->range[1], err);
 }
 
 /* ---- a task ---- */
 
-/* The first domain of a task: that in whose records its part of all of them begins. */
-static size_t border(const struct gather_place *place, size_t n, uint64_t all, uint32_t index, uint32_t tasks)
+int gather_share_of(struct gather_places *places, uint32_t index, uint32_t tasks, uint64_t range[2], struct outputs_share *ret,
+		    struct err *err)
 {
-	size_t i = 0;
-
-	while (i < n && (unsigned __int128)(place[i].first + place[i].first_triangle) * tasks < (unsigned __int128)all * index)
-		i++;
-	return index == tasks ? n : i;
-}
-
-void gather_share_of(const struct gather_places *places, const struct mesh_sums *sums, uint32_t index, uint32_t tasks,
-		     size_t range[2], struct outputs_share *ret)
-{
-	size_t n;
-	const struct gather_place *place = gather_place(places, &n);
+	int r = 0;
 
 	ret->index = index;
 	ret->tasks = tasks;
-	for (uint32_t i = 0; i < 2; i++) {
-		size_t at = range[i] = border(place, n, sums->vertices + sums->triangles, index + i, tasks);
+	for (uint32_t i = 0; i < 2 && !r; i++) {
+		struct gather_border at;
 
-		ret->vertices[i] = at < n ? place[at].first : sums->vertices;
-		ret->triangles[i] = at < n ? place[at].first_triangle : sums->triangles;
+		r = gather_places_border(places, index + i, tasks, &at, err);
+		range[i] = at.domain;
+		ret->vertices[i] = at.first;
+		ret->triangles[i] = at.first_triangle;
 	}
+	return r;
 }
 
-int gather_share_write(const struct gather_input *in, struct gather_places *places, const size_t range[2], struct outputs *run,
+int gather_share_write(const struct gather_input *in, struct gather_places *places, const uint64_t range[2], struct outputs *run,
 		       int (*given_up)(void *ctx), void *ctx, struct gather_share_sums *ret, struct err *err)
 {
-	struct sharing s = {
-		.in = in, .places = places, .run = run, .size = in->memory + 64, .sums = ret, .given_up = given_up, .ctx = ctx};
+	struct sharing s = {.in = in,
+			    .places = places,
+			    .run = run,
+			    .range = {range[0], range[1]},
+			    .size = in->memory + 64,
+			    .sums = ret,
+			    .given_up = given_up,
+			    .ctx = ctx};
+	const struct gather_places_choice choice = {wants, &s};
 	int r;
 
 	s.memory = aligned_alloc(64, (s.size + 63) & ~(size_t)63);
-	r = s.memory ? write_all(&s, range, err) : err_set(err, ERR_NOMEM, "no memory for a domain of %zu bytes", s.size);
+	r = s.memory ? gather_places_walk(places, &choice, write_one, &s, err) :
+		       err_set(err, ERR_NOMEM, "no memory for a domain of %zu bytes", s.size);
 	free(s.memory);
 	ret->place = gather_place_counts(places);
 	return r;

@@ -1,6 +1,6 @@
 /*
- * Which tiles are whose: a pure function of the records of the phase mesh, the number of tasks and their memory, so that each
- * task finds it for itself, and opens no pack for it.
+ * Which tiles are whose: a pure function of the records of the phase mesh, the number of tasks and their memory. The phase sum
+ * divides them, and no pack is opened for it.
  *
  * The triangles of a group of domains count for the tile that has the middle of its box. Tiles in the order of their codes are
  * cut into ranges with about as many triangles each. If there are more tiles than fit the memory, those whose codes differ in the
@@ -19,7 +19,6 @@ struct weight {
 struct gather_tiles {
 	struct outputs_grid grid;
 	struct decimal side;
-	bool laid_out;
 	struct weight *weight;
 	size_t n, room, most;
 	unsigned shift;    /* codes are multiples of 2^shift */
@@ -40,8 +39,26 @@ uint64_t gather_tiles_part(const struct gather_params *p)
 	return fit(p->memory / 8, MADE);
 }
 
-int gather_tiles_new(const struct gather_params *p, uint64_t memory, struct gather_tiles **ret, struct err *err)
+static int lay_out(const struct gather_input *in, struct outputs_grid *ret, struct decimal side, struct err *err)
 {
+	char scale[DECIMAL_TEXT_SIZE];
+	struct acut_mesh_head head = {.scale_xy = decimal_text(in->manifest->lattice.scale_xy, scale)};
+	struct stream_head *stream = malloc(sizeof(*stream));
+	int r;
+
+	if (!stream)
+		return err_set(err, ERR_NOMEM, "no memory for tiles");
+	gather_head(in, stream);
+	memcpy(head.k, in->manifest->lattice.k, sizeof(head.k));
+	memcpy(head.box, stream->box, sizeof(head.box));
+	r = outputs_grid_init(ret, side, &head, err);
+	free(stream);
+	return r;
+}
+
+int gather_tiles_new(const struct gather_input *in, uint64_t memory, struct gather_tiles **ret, struct err *err)
+{
+	const struct gather_params *p = in->p;
 	struct gather_tiles *t = calloc(1, sizeof(*t));
 
 	if (!t)
@@ -52,6 +69,10 @@ int gather_tiles_new(const struct gather_params *p, uint64_t memory, struct gath
 		return err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", p->outputs->tile);
 	}
 	t->joinable = fit(p->memory > PROCESS ? p->memory - PROCESS : 0, JOINED);
+	if (lay_out(in, &t->grid, t->side, err)) {
+		free(t);
+		return -(int)err->code;
+	}
 	*ret = t;
 	return 0;
 }
@@ -107,12 +128,6 @@ static int room(struct gather_tiles *t, struct err *err)
 	return 0;
 }
 
-int gather_tiles_lay_out(struct gather_tiles *t, const struct acut_mesh_head *head, struct err *err)
-{
-	t->laid_out = true;
-	return outputs_grid_init(&t->grid, t->side, head, err);
-}
-
 /* About how many tiles a group has for itself: its area in tiles, and no more than it has triangles. */
 static double tiles_of(const struct gather_tiles *t, const struct mesh_group *g)
 {
@@ -148,38 +163,32 @@ int gather_tiles_add(struct gather_tiles *t, const struct mesh_group *g, struct 
 	return 0;
 }
 
-/* The code from which on tiles are of task `index` or a later one. */
-static uint64_t border(const struct gather_tiles *t, uint64_t all, uint32_t index, uint32_t tasks)
+/* The code from which on tiles are of a task or a later one: a tile goes to the task in whose part of the sum it begins. */
+void gather_tiles_divide(struct gather_tiles *t, uint32_t tasks, uint64_t *border)
 {
-	uint64_t sum = 0;
-
-	if (!index)
-		return 0;
-	for (size_t i = 0; i < t->n; i++) {
-		/* a tile goes to the task in whose part of the sum it begins */
-		if ((unsigned __int128)sum * tasks >= (unsigned __int128)all * index)
-			return t->weight[i].code;
-		sum += t->weight[i].triangles;
-	}
-	return UINT64_MAX;
-}
-
-bool gather_tiles_share(struct gather_tiles *t, uint32_t index, uint32_t tasks, uint64_t ret[2])
-{
-	uint64_t all = 0, end;
+	uint64_t all = 0, sum = 0;
+	uint32_t task = 1;
 
 	merge(t);
 	for (size_t i = 0; i < t->n; i++)
 		all += t->weight[i].triangles;
-	ret[0] = border(t, all, index, tasks);
-	end = index + 1 == tasks ? UINT64_MAX : border(t, all, index + 1, tasks);
-	ret[1] = index + 1 == tasks || !end ? end : end - 1;
-	free(t->weight); /* the memory is for the outputs now */
-	t->weight = NULL;
-	t->n = t->room = 0;
-	if (!all)
+	border[0] = 0;
+	for (size_t i = 0; i < t->n; i++) {
+		for (; task < tasks && (unsigned __int128)sum * tasks >= (unsigned __int128)all * task; task++)
+			border[task] = t->weight[i].code;
+		sum += t->weight[i].triangles;
+	}
+	for (; task <= tasks; task++)
+		border[task] = UINT64_MAX;
+}
+
+bool gather_tiles_share(const uint64_t border[2], uint32_t index, bool last, uint64_t triangles, uint64_t ret[2])
+{
+	ret[0] = border[0];
+	ret[1] = last || !border[1] ? border[1] : border[1] - 1;
+	if (!triangles)
 		return index == 0;
-	return index + 1 == tasks ? ret[0] < UINT64_MAX : ret[0] < end;
+	return last ? ret[0] < UINT64_MAX : ret[0] < border[1];
 }
 
 static bool meets(const struct gather_tiles *t, const int32_t first[2], const int32_t last[2], const uint64_t share[2])

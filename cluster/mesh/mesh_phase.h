@@ -60,12 +60,17 @@ struct mesh_sums {
 	struct digest digest, vertex_digest;
 };
 void mesh_sums_add(struct mesh_sums *, const struct mesh_sums *);
+/* As values of a record. */
+int mesh_sums_record(struct work_attempt *, const struct mesh_sums *, struct err *err);
+int mesh_sums_read(const struct work_record *, struct mesh_sums *ret, struct err *err);
 
 /* Where the domains of a pack are: groups of `each` domains, in the order of the pack; the last one may have fewer. */
 enum { MESH_GROUPS = 64 };
 struct mesh_group {
-	uint64_t triangles, area; /* area: of the parts of regions that have triangles, at most, in squares of the lattice */
-	int32_t box[4];           /* x0 y0 x1 y1 of domains with triangles */
+	uint64_t vertices, triangles; /* vertices: positions of the regions */
+	uint64_t area;                /* of the parts of regions that have triangles, at most, in squares of the lattice */
+	int32_t box[4];               /* x0 y0 x1 y1 of domains with triangles */
+	int32_t region[4];            /* of the positions that the regions hold, likewise */
 };
 struct mesh_extent {
 	uint64_t domains, each;
@@ -76,7 +81,13 @@ struct mesh_extent {
 };
 void mesh_extent_begin(struct mesh_extent *);
 void mesh_extent_add(struct mesh_extent *, const struct store_pack_entry *); /* in the order of the pack */
+/* Adds a group to a sum, which begins as mesh_group_none. */
+struct mesh_group mesh_group_none(void);
+void mesh_group_add(struct mesh_group *to, const struct mesh_group *);
 bool mesh_extent_same(const struct mesh_extent *, const struct mesh_extent *);
+/* `largest` and `box` as values of a record. */
+int mesh_extent_record(struct work_attempt *, const struct mesh_extent *, struct err *err);
+int mesh_extent_read(const struct work_record *, struct mesh_extent *ret, struct err *err);
 /* A box of nothing, to which others are added. */
 void mesh_box_begin(int32_t box[6]);
 void mesh_box_add(int32_t box[6], const int32_t more[6]);

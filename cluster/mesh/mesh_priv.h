@@ -39,7 +39,6 @@ int phase_needs(const struct phase *, uint64_t bytes, struct err *err);
 int phase_plan_open(const struct work *, struct mesh_plan *ret, char name[WORK_NAME], int *ret_fd, struct err *err);
 
 void sums_add_domain(struct mesh_sums *, const struct mesh_domain *);
-int sums_record(struct work_attempt *, const struct mesh_sums *, struct err *err);
 
 /* mesh_extent.c: of the index of a complete pack; the values of a record. */
 int extent_of_pack(int fd, const char *name, struct mesh_extent *ret, struct err *err);

@@ -67,7 +67,7 @@ static void numbers_of(struct mesh_sums *s, struct number ret[NUMBERS])
 	memcpy(ret, of, sizeof of);
 }
 
-int sums_record(struct work_attempt *a, const struct mesh_sums *sums, struct err *err)
+int mesh_sums_record(struct work_attempt *a, const struct mesh_sums *sums, struct err *err)
 {
 	struct mesh_sums s = *sums;
 	struct number number[NUMBERS];
@@ -101,7 +101,7 @@ static bool texts_read(const struct work_record *record, struct mesh_sums *s)
 	       (!s->counts.most.points || (at && sscanf(at, "%" SCNd32 " %" SCNd32, &s->counts.most.x, &s->counts.most.y) == 2));
 }
 
-static int sums_read(const struct work_record *record, struct mesh_sums *ret, struct err *err)
+int mesh_sums_read(const struct work_record *record, struct mesh_sums *ret, struct err *err)
 {
 	struct mesh_sums s = {0};
 	struct number number[NUMBERS];
@@ -118,7 +118,8 @@ static int sums_read(const struct work_record *record, struct mesh_sums *ret, st
 			r = work_record_u64(record, key, &s.counts.removed[i], err);
 	}
 	if (!r && !texts_read(record, &s))
-		r = err_set(err, ERR_CORRUPT, "the record of mesh %" PRIu32 " has no digests", record->task);
+		r = err_set(err, ERR_CORRUPT, "the record of %s %" PRIu32 " has no digests", work_phase_text(record->phase),
+			    record->task);
 	if (!r)
 		*ret = s;
 	return r;
@@ -134,7 +135,7 @@ int mesh_task_about(const struct work *w, uint32_t task, struct mesh_task *ret, 
 	mesh_extent_begin(&ret->extent);
 	ret->pack[0] = 0;
 	ret->bytes = 0;
-	r = sums_read(record, &ret->sums, err);
+	r = mesh_sums_read(record, &ret->sums, err);
 	if (!r && record->nfile) {
 		snprintf(ret->pack, WORK_NAME, "%s", record->file[0].name);
 		ret->bytes = record->file[0].size;

@@ -229,7 +229,7 @@ static int run(struct phase *s, uint32_t task, struct err *err)
 	if (!r)
 		r = make_range(&m, region, n, err);
 	if (!r)
-		r = sums_record(s->attempt, &m.sums, err);
+		r = mesh_sums_record(s->attempt, &m.sums, err);
 	free(region);
 	mesh_plan_done(&m.plan);
 	return r;

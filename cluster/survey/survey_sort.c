@@ -173,6 +173,8 @@ static int rewrite(struct sort *so, struct grid_rewrite_params *params, const ch
 	snprintf(stem, sizeof stem, "%.*s", (int)(strlen(file) - strlen(".seg")), file);
 	params->name = stem;
 	r = grid_rewrite_new(params, &w, err);
+	if (r == -ERR_LIMIT)
+		err_add_hint(err, "give tasks more memory (--task-memory)");
 	if (r)
 		return r;
 	r = step_all(so, w, err);

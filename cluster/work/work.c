@@ -16,7 +16,7 @@
 
 #define PATIENCE 120.0 /* seconds */
 
-static const char *const phase_text[WORK_PHASES] = {"head", "stage", "sort", "commit", "plan", "mesh", "gather", "finish"};
+static const char *const phase_text[WORK_PHASES] = {"head", "stage", "sort", "commit", "plan", "mesh", "sum", "gather", "finish"};
 const char *const work_folders[] = {"done", "failed", "log", WORK_IN_DATASET, WORK_IN_MESH, NULL};
 
 const char *work_phase_text(enum work_phase phase)

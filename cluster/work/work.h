@@ -20,7 +20,18 @@ struct err;
 struct work;
 
 /* In the order in which they run. */
-enum work_phase { WORK_HEAD, WORK_STAGE, WORK_SORT, WORK_COMMIT, WORK_PLAN, WORK_MESH, WORK_GATHER, WORK_FINISH, WORK_PHASES };
+enum work_phase {
+	WORK_HEAD,
+	WORK_STAGE,
+	WORK_SORT,
+	WORK_COMMIT,
+	WORK_PLAN,
+	WORK_MESH,
+	WORK_SUM,
+	WORK_GATHER,
+	WORK_FINISH,
+	WORK_PHASES
+};
 const char *work_phase_text(enum work_phase); /* "head" ... */
 bool work_phase_parse(const char *text, enum work_phase *ret);
 
@@ -127,6 +138,11 @@ struct work_record *work_record_free(struct work_record *);                /* NU
 const char *work_record_text(const struct work_record *, const char *key); /* NULL: it has no such value */
 /* -ERR_CORRUPT: it has no such value, or it is no number. */
 int work_record_u64(const struct work_record *, const char *key, uint64_t *ret, struct err *err);
+
+/* The task is to be done again: removes its record, if there is one. No task that depends on it should run. */
+int work_forget(const struct work *, enum work_phase, uint32_t task, struct err *err);
+/* The same, if a file that the record names is not there any more. *ret: it was forgotten. */
+int work_forget_lost(const struct work *, enum work_phase, uint32_t task, bool *ret, struct err *err);
 
 /* The last failure of a task that has no record; how many there were. */
 struct work_failure {

@@ -1,9 +1,12 @@
 /* Records of tasks, and of their failures. */
+#include <errno.h>
+#include <fcntl.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
+#include "io.h"
 #include "parse.h"
 #include "work_priv.h"
 
@@ -129,6 +132,29 @@ int work_record_u64(const struct work_record *r, const char *key, uint64_t *ret,
 		return 0;
 	return err_set(err, ERR_CORRUPT, "the record of task %" PRIu32 " of the phase %s has no number '%s'", r->task,
 		       work_phase_text(r->phase), key);
+}
+
+int work_forget(const struct work *w, enum work_phase phase, uint32_t task, struct err *err)
+{
+	char name[NAME];
+
+	snprintf(name, sizeof name, "done/%s-%" PRIu32, work_phase_text(phase), task);
+	return io_remove(w->fd, name, err);
+}
+
+int work_forget_lost(const struct work *w, enum work_phase phase, uint32_t task, bool *ret, struct err *err)
+{
+	struct work_record *record = NULL;
+	struct stat st;
+	int r = work_record_look(w, phase, task, &record, err);
+
+	*ret = false;
+	if (r)
+		return r == WORK_E_ABSENT ? 0 : r;
+	for (size_t i = 0; i < record->nfile && !*ret; i++)
+		*ret = io->fstatat(w->fd, record->file[i].name, &st, AT_SYMLINK_NOFOLLOW) < 0 && errno == ENOENT;
+	work_record_free(record);
+	return *ret ? work_forget(w, phase, task, err) : 0;
 }
 
 int work_failure_look(const struct work *w, enum work_phase phase, uint32_t task, struct work_failure *ret, struct err *err)

@@ -14,6 +14,7 @@
 #include "clock.h"
 #include "io.h"
 #include "ledger.h"
+#include "mesh_stream.h"
 #include "stream_priv.h"
 
 static void text_copy(char *to, size_t size, const char *from)
@@ -85,31 +86,14 @@ static void on_head(struct run_output *output, const struct run_head *in)
 	stream_pump(o);
 }
 
-_Static_assert(sizeof(struct mesh_vertex) == sizeof(int32_t[3]), "vertices go out as they lie in memory");
-_Static_assert(sizeof(struct mesh_origin) == sizeof(struct stream_origin) && offsetof(struct mesh_origin, cls) == 4,
-	       "and so do their records");
-
 /* Worker: the checksum takes time. */
 static void on_encode(struct run_output *output, const struct mesh_block *b)
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[STREAM_FRAME_BLOCK];
-	struct stream_block block = {
-		.index = b->index,
-		.first = b->first,
-		.nforeign = b->nforeign,
-		.nnew = b->nnew,
-		.ntriangle = b->ntriangle,
-		.foreign = b->foreign,
-		.vertex = (const int32_t(*)[3])b->vertex,
-		.triangle = b->triangle,
-		.flags = b->edges,
-		.final = b->final,
-		.origin = (const struct stream_origin *)(const void *)b->origin,
-	};
+	const struct stream_block block = mesh_stream_block(b);
 
 	output->spooled = false;
-	memcpy(block.box, b->box, sizeof block.box);
 	f->n = stream_put_block(&block, f->scratch, f->piece);
 	f->at = 0;
 	f->done = 0;

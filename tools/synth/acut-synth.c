@@ -55,31 +55,6 @@ static const char help[] =
 	"\n"
 	"Exit status: 0 written, 1 FILE is of other options, 2 usage, 74 writing failed, 141 the pipe was closed.\n";
 
-/* 12, 12k, 12M, 1.5G in powers of a thousand. */
-static bool parse_count(const char *text, uint64_t *ret)
-{
-	static const char units[] = "kMG";
-	size_t n = strlen(text);
-	const char *unit = n ? strchr(units, text[n - 1]) : NULL;
-	char digits[32];
-	double v;
-
-	if (parse_u64(text, ret))
-		return true;
-	if (!unit || n >= sizeof digits)
-		return false;
-	memcpy(digits, text, n - 1);
-	digits[n - 1] = '\0';
-	if (!parse_double(digits, &v) || v < 0)
-		return false;
-	for (long i = unit - units; i >= 0; i--)
-		v *= 1000;
-	if (v >= 0x1p53 || v != (double)(uint64_t)v)
-		return false;
-	*ret = (uint64_t)v;
-	return true;
-}
-
 static bool parse_area(char *text, struct synth_options *o)
 {
 	char *x = strchr(text, 'x');
@@ -146,7 +121,7 @@ static bool parse_option(struct synth_options *o, int option, char *value, doubl
 
 	switch (option) {
 	case OPT_POINTS:
-		return parse_count(value, &o->points) && o->points <= UINT64_C(1) << 48;
+		return parse_many(value, &o->points) && o->points <= UINT64_C(1) << 48;
 	case OPT_DENSITY:
 		return parse_double(value, density) && *density > 0;
 	case OPT_AREA:
@@ -166,11 +141,11 @@ static bool parse_option(struct synth_options *o, int option, char *value, doubl
 	case OPT_SHAPE:
 		return parse_shape(value, &o->shape);
 	case OPT_STEP:
-		return parse_count(value, &o->step) && o->step > 0;
+		return parse_many(value, &o->step) && o->step > 0;
 	case OPT_POSITIONS:
-		return parse_count(value, &o->step) && o->step > 0;
+		return parse_many(value, &o->step) && o->step > 0;
 	case OPT_RANGE:
-		return parse_count(value, &o->range) && o->range > 0;
+		return parse_many(value, &o->range) && o->range > 0;
 	default:
 		o->no_crs = true;
 		return true;

@@ -184,6 +184,8 @@ def settings(base):
     check("an option comes first", tasks("task-memory = 2G\n", "--task-memory", "512M")["mesh"][1] == 512 + 64)
     check("task-seconds", tasks("task-seconds = 0.001s\n")["mesh"][0] > 5, str(tasks("task-seconds = 0.001s\n")))
     check("task-points are not overridden", tasks("task-seconds = 0.001s\n", "--task-points", "1000000")["mesh"][0] == 1)
+    check("task-points in thousands and millions", [tasks("", "--task-points", n)["mesh"] for n in ("1k", "1000")] == [tasks("", "--task-points", "1000")["mesh"]] * 2
+          and tasks("", "--task-points", "0.001k")["mesh"][0] == tasks("", "--task-points", "1")["mesh"][0] > 1)
     os.mkdir(conf + ".d")
     with open(conf + ".d/10-site.conf", "w") as f:
         f.write("task-memory = 3G\n")

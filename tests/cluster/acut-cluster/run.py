@@ -267,6 +267,26 @@ def killed_once(base):
     check("again", s["state"] == "done" and [p["again"] for p in s["phases"]] == [0, 1, 0] and s["phases"][1]["why"][0]["tasks"] == 1, str(s))
 
 
+def lost_results(base):
+    """A pack that is gone is made again by resume, when a task has missed it."""
+    survey, work = tiles(base + "/tiles"), base + "/w"
+    run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--no-config", "--task-points", "130k")
+    with open(base + "/m.ply", "rb") as f:
+        before = f.read()
+    pack = [name for name in os.listdir(work + "/mesh") if name.startswith("pack-1-")][0]
+    os.unlink(work + "/mesh/" + pack)
+    for name in [n for n in os.listdir(work + "/done") if n.startswith(("gather-", "finish-"))]:
+        os.unlink(work + "/done/" + name)
+    for name in [n for n in os.listdir(work) if n.startswith("shared-")] + ["../m.ply"]:
+        os.unlink(os.path.join(work, name))
+    p = run(TASK, work, "gather", "1", env={"ACUT_CLUSTER_PATIENCE": "0.2"}, status=74)
+    check("it is missed", pack in p.stderr, p.stderr)
+    p = run(CLUSTER, "resume", work, env={"ACUT_CLUSTER_PATIENCE": "2"})
+    check("it is made again", "2 tasks are done again" in p.stderr and show(work)["state"] == "done", p.stderr)
+    with open(base + "/m.ply", "rb") as f:
+        check("the same output", f.read() == before)
+
+
 def elsewhere(base):
     """A relative --directory, for tasks and for later commands that begin in other folders; and clean without that folder."""
     os.makedirs(base + "/top/in")
@@ -340,4 +360,4 @@ def main(*parts):
 
 
 if __name__ == "__main__":
-    main(stage, refused, interrupted, script, mesh, real, options, killed_once, elsewhere, reported, output_tiles, many_segments)
+    main(stage, refused, interrupted, script, mesh, real, options, killed_once, lost_results, elsewhere, reported, output_tiles, many_segments)

@@ -9,7 +9,7 @@ import time
 from run import CLUSTER, TASK, Daemon, check, main, run, same, show, sums, tiles
 from slurm_test import slurm
 
-PHASES = ("head", "stage", "sort", "commit", "plan", "mesh", "gather", "finish")
+PHASES = ("head", "stage", "sort", "commit", "plan", "mesh", "sum", "gather", "finish")
 
 
 def waiting_task(base):

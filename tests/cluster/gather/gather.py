@@ -305,9 +305,16 @@ def killed():
 
 
 def twice():
-    """All attempts of a task end well; one of them counts."""
+    """All attempts of a task end well; one of them counts, and the outputs are those of single attempts. Later attempts that would write
+    something else change nothing."""
     with e2e.Folder() as base:
         work = Work(base, inputs(base), gathers=2)
+        want = []
+        for words in (["-o", os.path.join(base, "want", "x.ply")], ["-o", os.path.join(base, "want"), "--tile", "15"]):
+            os.mkdir(os.path.join(base, "want"))
+            shutil.rmtree(work.write(*words))
+            want.append(hashes(os.path.join(base, "want")))
+            shutil.rmtree(os.path.join(base, "want"))
         for i in range(8):
             out = os.path.join(base, "out%d" % i)
             words = ["-o", out, "--tile", "15"] if i % 2 else ["-o", os.path.join(out, "x.ply")]
@@ -319,6 +326,8 @@ def twice():
                 for p in ps:
                     err = p.communicate()[1].decode()
                     expect(p.returncode == 0, "%s: %d %s" % (phase, p.returncode, err))
+                phases(*phase, *words, "--origin", "1000,2000,0").ok()
+            expect(hashes(out) == want[i % 2], "other outputs than those of single attempts")
             expect(not [n for n in os.listdir(out) if n.startswith(".")], os.listdir(out))
             expect(len([n for n in os.listdir(path) if n.startswith("report-0-")]) == 2, os.listdir(path))
 
@@ -369,6 +378,86 @@ def finished_again():
             after = os.stat(index)
             expect(after.st_ino == before.st_ino, "the index of a later run was replaced")
             shutil.rmtree(other)
+
+
+def forgotten(path, *words):
+    return json.loads(phases("recover", path, *words).ok().out)
+
+
+def recovered():
+    """What is gone, and was missed by a task, is made again; nothing else is."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=3)
+        for kind, words in (("pack", ["--tile", "15"]), ("pack", []), ("sum", []), ("held", []), ("held", ["--tile", "15"]), ("late", [])):
+            out = os.path.join(base, "out")
+            os.mkdir(out)
+            words = ["-o", out if words else os.path.join(out, "x.ply"), *words]
+            path = work.fresh()
+            done = os.path.join(path, "done")
+            first = ["gather", path, 0, *words]
+            phases(*first).ok()
+            expect(forgotten(path, *words) == 0, "something was missing")
+            if kind == "held":
+                phases("gather", path, 1, *words).ok()
+                phases("gather", path, 2, *words).ok()
+                for name in [n for n in os.listdir(out) if n.startswith(".")]:
+                    shutil.rmtree(os.path.join(out, name)) if os.path.isdir(os.path.join(out, name)) else os.unlink(os.path.join(out, name))
+                first, want = ["finish", path, *words], {"gather-0", "gather-1", "gather-2"}
+            elif kind == "late":
+                # A task that began before its file was gone, and ends when others agree upon another one.
+                phases("gather", path, 1, *words).ok()
+                phases("gather", path, 2, *words).ok()
+                other = work.fresh()
+                shutil.rmtree(out)
+                os.mkdir(out)
+                for i in range(3):
+                    phases("gather", other, i, *words).ok()
+                for name in [n for n in os.listdir(path) if n.startswith("gather-1-")]:
+                    shutil.copy(os.path.join(path, name), other)
+                shutil.copy(os.path.join(done, "gather-1"), os.path.join(other, "done"))
+                shutil.rmtree(path)
+                path, done = other, os.path.join(other, "done")
+                first, want = ["finish", path, *words], {"gather-1"}
+            else:
+                os.unlink(os.path.join(done, "gather-0"))
+                folder = os.path.join(path, "mesh") if kind == "pack" else path
+                lost = sorted(n for n in os.listdir(folder) if n.startswith(kind + "-"))[0]
+                os.unlink(os.path.join(folder, lost))
+                want = {"mesh-0", "sum-0"} if kind == "pack" else {"sum-0"}
+            before = set(os.listdir(done))
+            expect(phases(*first).status, "nothing was missed: %s" % kind)
+            n = forgotten(path, *words)
+            expect(before - set(os.listdir(done)) == want and n == len(want), "%s: %s, not %s" % (kind, before - set(os.listdir(done)), want))
+            if kind == "pack":
+                phases("mesh", path, 0).ok()
+            for i in range(3):
+                phases("gather", path, i, *words).ok()
+            phases("finish", path, *words).ok()
+            expect(forgotten(path, *words) == 0, "a run that is done was changed")
+            fresh = os.path.join(base, "want")
+            os.mkdir(fresh)
+            work.write(*[w.replace(out, fresh) for w in words])
+            expect(hashes(out) == hashes(fresh), "%s: another output" % kind)
+            for folder in (path, out, fresh):
+                shutil.rmtree(folder)
+
+
+def older():
+    """A run that an older version began has no phase sum."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base, 1), gathers=1)
+        about = os.path.join(work.first, "acut-work")
+        with open(about) as f:
+            lines = [line for line in f if " sum" not in line and not line.startswith("check ")]
+        body = "".join(lines).encode()
+        with open(about, "wb") as f:
+            f.write(body)
+        with open(about, "rb") as f:
+            check = run([PHASES, "check-sum"], stdin=f).ok().out
+        with open(about, "ab") as f:
+            f.write(b"check %s\n" % check.encode())
+        got = phases("gather", work.first, 0, "-o", os.path.join(base, "x.ply"))
+        expect(got.status == 76 and "older version" in got.err, "%d %s" % (got.status, got.err))
 
 
 def clobber():
@@ -496,6 +585,6 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format, by_all_tasks], "tiles": [tiles],
-          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
                     adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))

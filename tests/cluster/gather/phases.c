@@ -2,8 +2,11 @@
  * Runs the phases of a cluster's run as functions, for tests of gather and finish:
  *
  *   phases make WORK MEMORY STAGES MESHES GATHERS INPUT...   all up to the phase mesh
- *   phases gather WORK INDEX OPTIONS
+ *   phases gather WORK INDEX OPTIONS                         first sum, if it has no record
  *   phases finish|clean WORK OPTIONS
+ *   phases recover WORK OPTIONS   prints how many tasks are to be done again
+ *   phases mesh WORK INDEX
+ *   phases check-sum              of standard input, as texts of a work folder have it
  *   phases check POINTS OPTIONS   whether so many points can be written
  *
  * OPTIONS are those of acutctl mesh that outputs have. PHASES_MEMORY in the environment: bytes, in place of those of the run.
@@ -13,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <xxhash.h>
 
 #include "err.h"
 #include "gather.h"
@@ -153,6 +157,7 @@ static int late(const char *phase, int argc, char **argv)
 	struct gather_params p = {.outputs = &options};
 	struct err err = ERR_INIT;
 	struct work *work = NULL;
+	uint32_t again = 0;
 	int r;
 
 	if (argc < 1 + one || !parse(argc - 1 - one, argv + 1 + one, &options))
@@ -167,12 +172,18 @@ static int late(const char *phase, int argc, char **argv)
 			p.block = strtoull(getenv("PHASES_BLOCK"), NULL, 10);
 		r = gather_check(&options, 0, &err);
 	}
+	if (!r && !strcmp(phase, "recover"))
+		r = gather_recover(&p, &again, &err);
+	else if (!r && strcmp(phase, "clean") != 0)
+		r = gather_sum(&p, &err);
 	if (!r && one)
 		r = gather_task(&p, (uint32_t)atoi(argv[1]), &err);
 	else if (!r && !strcmp(phase, "finish"))
 		r = gather_finish(&p, &err);
-	else if (!r)
+	else if (!r && !strcmp(phase, "clean"))
 		r = gather_clean(&p, &err);
+	else if (!r)
+		printf("%u\n", again);
 	work_close(work);
 	return r ? failed(&err) : 0;
 }
@@ -188,13 +199,42 @@ static int check(int argc, char **argv)
 	return gather_check(&options, points, &err) ? failed(&err) : 0;
 }
 
+static int mesh_again(int argc, char **argv)
+{
+	struct mesh_phase_params p = {.view = ""};
+	struct err err = ERR_INIT;
+	struct work *work = NULL;
+	int r = argc == 2 ? work_open(argv[0], &work, &err) : -1;
+
+	if (!r) {
+		p.memory = work_about(work)->memory;
+		r = mesh_phase_mesh(work, (uint32_t)atoi(argv[1]), &p, &err);
+	}
+	work_close(work);
+	return r ? failed(&err) : 0;
+}
+
+static int check_sum(void)
+{
+	static char text[1 << 16];
+	size_t n = fread(text, 1, sizeof(text), stdin);
+
+	printf("%016llx", (unsigned long long)XXH3_64bits(text, n));
+	return 0;
+}
+
 int main(int argc, char **argv)
 {
 	no_sync();
 	if (argc > 2 && !strcmp(argv[1], "make"))
 		return make(argc - 2, argv + 2);
-	if (argc > 2 && (!strcmp(argv[1], "gather") || !strcmp(argv[1], "finish") || !strcmp(argv[1], "clean")))
+	if (argc > 2 && (!strcmp(argv[1], "gather") || !strcmp(argv[1], "finish") || !strcmp(argv[1], "clean") ||
+			 !strcmp(argv[1], "recover")))
 		return late(argv[1], argc - 2, argv + 2);
+	if (argc > 1 && !strcmp(argv[1], "check-sum"))
+		return check_sum();
+	if (argc > 2 && !strcmp(argv[1], "mesh"))
+		return mesh_again(argc - 2, argv + 2);
 	if (argc > 2 && !strcmp(argv[1], "check"))
 		return check(argc - 2, argv + 2);
 	return 64;

@@ -17,6 +17,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <cmocka.h>
@@ -239,6 +240,7 @@ static void gather_all(struct sharing *s, uint64_t *seed, struct counts *c)
 	uint32_t n = work_about(s->run.work)->tasks[WORK_GATHER], first = (uint32_t)random_below(seed, n);
 	struct err err = ERR_INIT;
 
+	CHECK(gather_sum(&s->p, &err));
 	for (uint32_t i = 0; i < n; i++)
 		CHECK(gather_task(&s->p, (first + i) % n, &err));
 	CHECK(gather_finish(&s->p, &err));
@@ -354,6 +356,8 @@ static pid_t start(const struct sharing *s, uint32_t task, unsigned at)
 		if (work_open(s->run.folder, &p.work, &err))
 			_exit(1);
 		work_set_patience(p.work, 5);
+		if (gather_sum(&p, &err))
+			_exit(1);
 		_exit(task == work_about(p.work)->tasks[WORK_GATHER] ? gather_finish(&p, &err) != 0 :
 								       gather_task(&p, task, &err) != 0);
 	}
@@ -420,21 +424,140 @@ static void test_killed(void **state)
 	run_remove(&s.run);
 }
 
-/* Late: the task has no record that it sees, and the run is over. Nobody makes a file then. */
+/* Late attempts that would write other bytes change nothing: one whose task has its record, one that begins when the run is over
+ * and sees no record, and one of finish. */
 static void test_late(void **state)
 {
 	struct counts c = {0};
 	struct err err = ERR_INIT;
 	struct sharing s;
+	struct gather_params other;
+	struct ctl_fetch_options moved;
 	uint64_t seed = 1;
+	uint8_t *before, *after;
+	size_t n, m;
+
+	(void)state;
+	begin_medium(&s, 2);
+	moved = s.options;
+	moved.output[1].origin = "1000,2000,0";
+	other = s.p;
+	other.outputs = &moved;
+	CHECK(gather_sum(&s.p, &err));
+	for (uint32_t i = 0; i < 2; i++) {
+		CHECK(gather_task(&s.p, i, &err));
+		CHECK(gather_task(&other, i, &err));
+	}
+	gather_all(&s, &seed, &c);
+	check_files(&s);
+	before = file_bytes(ply, &n);
+	CHECK(gather_finish(&other, &err));
+	assert_int_equal(unlinkat(work_fd(s.run.work), "done/gather-1", 0), 0);
+	assert_int_equal(gather_task(&other, 1, &err), -ERR_GONE);
+	assert_non_null(strstr(err.hint, "resume"));
+	after = file_bytes(ply, &m);
+	assert_true(n == m && !memcmp(before, after, n));
+	assert_int_equal(out_files(), 1);
+	free(before);
+	free(after);
+	remove_files();
+	run_remove(&s.run);
+}
+
+/* It would write other bytes if it made another file: here the fixture shows that it can. */
+static void test_other_bytes(void **state)
+{
+	struct ctl_fetch_options moved;
+	struct err err = ERR_INIT;
+	struct counts c = {0};
+	struct sharing s;
+	uint64_t seed = 1;
+	uint8_t *one, *two;
+	size_t n, m;
 
 	(void)state;
 	begin_medium(&s, 2);
 	gather_all(&s, &seed, &c);
-	assert_int_equal(unlinkat(work_fd(s.run.work), "done/gather-1", 0), 0);
-	assert_int_equal(gather_task(&s.p, 1, &err), -ERR_GONE);
-	assert_non_null(strstr(err.hint, "remove shared-0-0000000000000007 and done/gather-*"));
+	one = file_bytes(ply, &n);
+	forget(&s);
+	moved = s.options;
+	moved.output[1].origin = "1000,2000,0";
+	s.p.outputs = &moved;
+	gather_all(&s, &seed, &c);
+	two = file_bytes(ply, &m);
+	assert_true(n != m || memcmp(one, two, n));
+	err_clear(&err);
+	free(one);
+	free(two);
+	remove_files();
+	run_remove(&s.run);
+}
+
+static int gate[2] = {-1, -1}; /* an attempt waits here, when it asks whether it was interrupted */
+
+static int wait_gate(void *ctx)
+{
+	char byte;
+
+	(void)ctx;
+	if (++asked == 6) {
+		assert_int_equal(write(gate[1], "w", 1), 1);
+		assert_int_equal(read(gate[1], &byte, 1), 1);
+	}
+	return 0;
+}
+
+/* An attempt that has the file open is stopped, and goes on when its task was done again, the output has its name, and the user
+ * has put another file in its place. Neither file changes. */
+static void test_open_late(void **state)
+{
+	static const char mine[] = "this file is of a later run";
+	struct err err = ERR_INIT;
+	struct counts c = {0};
+	struct sharing s;
+	uint64_t seed = 1;
+	uint8_t *before, *after;
+	char kept[200], byte;
+	size_t n, m;
+	pid_t pid;
+	int fd;
+
+	(void)state;
+	begin_medium(&s, 2);
+	CHECK(gather_sum(&s.p, &err));
+	assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, gate), 0);
+	pid = fork();
+	if (pid == 0) {
+		struct gather_params p = s.p;
+
+		asked = 0;
+		p.interrupted = wait_gate;
+		if (work_open(s.run.folder, &p.work, &err))
+			_exit(1);
+		_exit(gather_task(&p, 1, &err) != 0);
+	}
+	assert_int_equal(read(gate[0], &byte, 1), 1);
+	gather_all(&s, &seed, &c);
 	check_files(&s);
+	before = file_bytes(ply, &n);
+	snprintf(kept, sizeof(kept), "%s/kept", run_top);
+	assert_int_equal(rename(ply, kept), 0);
+	fd = open(ply, O_WRONLY | O_CREAT | O_EXCL, 0600);
+	assert_int_equal(write(fd, mine, sizeof(mine)), sizeof(mine));
+	close(fd);
+	assert_int_equal(write(gate[0], "g", 1), 1);
+	assert_int_equal(status_of(pid), 0);
+	after = file_bytes(kept, &m);
+	assert_true(n == m && !memcmp(before, after, n));
+	free(after);
+	after = file_bytes(ply, &m);
+	assert_true(m == sizeof(mine) && !memcmp(after, mine, m));
+	assert_int_equal(out_files(), 1);
+	free(before);
+	free(after);
+	close(gate[0]);
+	close(gate[1]);
+	unlink(kept);
 	remove_files();
 	run_remove(&s.run);
 }
@@ -449,6 +572,7 @@ static void test_torn(void **state)
 
 	(void)state;
 	begin_medium(&s, 2);
+	CHECK(gather_sum(&s.p, &err));
 	for (uint32_t i = 0; i < 2; i++)
 		CHECK(gather_task(&s.p, i, &err));
 	d = opendir(out_folder);
@@ -513,11 +637,13 @@ static int fail_renameat(int olddir, const char *old, int newdir, const char *na
 static void test_failures(void **state)
 {
 	enum { GATHERS = 2 };
+	struct err err = ERR_INIT;
 	struct sharing s;
 	unsigned failed = 0;
 
 	(void)state;
 	begin_some(&s, 1200, GATHERS);
+	CHECK(gather_sum(&s.p, &err));
 	usual = io;
 	table = *usual;
 	table.pwrite = fail_pwrite;
@@ -528,8 +654,9 @@ static void test_failures(void **state)
 	table.renameat = fail_renameat;
 	for (uint32_t phase = 0; phase <= GATHERS; phase++) {
 		for (unsigned at = 1, more = 1; more; at += repeat_step(7)) {
-			struct err err = ERR_INIT;
 			int r;
+
+			err = (struct err)ERR_INIT;
 
 			for (uint32_t task = 0; task < phase; task++)
 				CHECK(gather_task(&s.p, task, &err));
@@ -573,9 +700,9 @@ static int teardown(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_small),    cmocka_unit_test(test_too_many), cmocka_unit_test(test_at_once),
-		cmocka_unit_test(test_killed),   cmocka_unit_test(test_late),     cmocka_unit_test(test_torn),
-		cmocka_unit_test(test_failures),
+		cmocka_unit_test(test_small),     cmocka_unit_test(test_too_many), cmocka_unit_test(test_at_once),
+		cmocka_unit_test(test_killed),    cmocka_unit_test(test_late),     cmocka_unit_test(test_other_bytes),
+		cmocka_unit_test(test_open_late), cmocka_unit_test(test_torn),     cmocka_unit_test(test_failures),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

@@ -42,7 +42,7 @@ void run_make(struct run *run, const char *folder, struct set set, unsigned segm
 	about.tasks[WORK_COMMIT] = about.tasks[WORK_PLAN] = 1;
 	about.tasks[WORK_MESH] = tasks;
 	about.tasks[WORK_GATHER] = run_gathers;
-	about.tasks[WORK_FINISH] = run_gathers > 0;
+	about.tasks[WORK_SUM] = about.tasks[WORK_FINISH] = run_gathers > 0;
 	CHECK(work_make(folder, &about, NULL, 0, &run->work, &err));
 	work_set_patience(run->work, 0);
 	data.fd = openat(work_fd(run->work), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY);

@@ -1,0 +1,137 @@
+/*
+ * What is done first when a run is resumed: results that are gone are made again.
+ *
+ * The model: a record says that a result is there. Somebody, or the file system, may have lost it since, and a task that needs it
+ * fails, and would fail for ever. So where a task without a record has failed, the files that records name are looked for, and
+ * a record whose file is gone is removed. All attempts at a task make the same, so nothing else follows but for names: the sums
+ * name the packs, and are made again with one of them. If this node is wrong, a task is done once more.
+ *
+ * Outputs that have no name yet are not in the work folder. That one is gone is said by the failure of who needed it.
+ */
+#include <string.h>
+
+#include "gather_priv.h"
+#include "outfile.h"
+
+struct recovery {
+	const struct gather_params *p;
+	bool failed, gone; /* a task has; because an output is gone */
+	uint32_t n;
+};
+
+/* What tasks without a record have said last. */
+static int look(struct recovery *v, enum work_phase phase, struct err *err)
+{
+	const struct work *w = v->p->work;
+
+	for (uint32_t i = 0; i < work_about(w)->tasks[phase]; i++) {
+		struct work_failure failure;
+		struct work_record *record = NULL;
+		struct err ignored = ERR_INIT;
+		int r = work_record_look(w, phase, i, &record, err);
+
+		work_record_free(record);
+		if (r < 0)
+			return r;
+		if (r != WORK_E_ABSENT || work_failure_look(w, phase, i, &failure, &ignored))
+			continue;
+		v->failed = true;
+		v->gone |= phase >= WORK_GATHER && !strcmp(failure.code, err_wire_name(ERR_GONE));
+	}
+	return 0;
+}
+
+static int forget(struct recovery *v, enum work_phase phase, uint32_t task, struct err *err)
+{
+	v->n++;
+	return work_forget(v->p->work, phase, task, err);
+}
+
+static int forget_lost(struct recovery *v, enum work_phase phase, struct err *err)
+{
+	const struct work *w = v->p->work;
+	bool any = false;
+	int r = 0;
+
+	for (uint32_t i = 0; i < work_about(w)->tasks[phase] && !r; i++) {
+		bool lost = false;
+
+		r = work_forget_lost(w, phase, i, &lost, err);
+		v->n += lost;
+		any |= lost;
+	}
+	return r || !any || phase != WORK_MESH ? r : forget(v, WORK_SUM, 0, err);
+}
+
+/* Tasks whose outputs are not those of `part`; NULL: all that have some. */
+static int forget_parts(struct recovery *v, const char *part, struct err *err)
+{
+	const struct work *w = v->p->work;
+	int r = 0;
+
+	for (uint32_t i = 0; i < work_about(w)->tasks[WORK_GATHER] && !r; i++) {
+		struct work_record *record = NULL;
+		const char *own;
+		bool other;
+
+		r = work_record_look(w, WORK_GATHER, i, &record, err);
+		if (r) {
+			r = r == WORK_E_ABSENT ? 0 : r;
+			continue;
+		}
+		own = work_record_text(record, "part");
+		other = own && (!part || strcmp(own, part) != 0);
+		work_record_free(record);
+		if (other)
+			r = forget(v, WORK_GATHER, i, err);
+	}
+	return r;
+}
+
+static bool all_there(const struct gather_params *p, const char *part)
+{
+	for (unsigned i = 1; i <= ctl_fetch_count(p->outputs); i++) {
+		struct outfile *o = NULL;
+		struct err ignored = ERR_INIT;
+
+		if (outfile_shared_open(ctl_fetch_output(p->outputs, i).path, part, &o, &ignored) == -ERR_GONE)
+			return false;
+		outfile_free(o);
+	}
+	return true;
+}
+
+/* Files of all tasks: if one is gone, these agree upon others. A task that was late with its record may have written the old
+ * ones. */
+static int forget_outputs(struct recovery *v, struct err *err)
+{
+	const struct gather_params *p = v->p;
+	const bool shared = work_about(p->work)->tasks[WORK_GATHER] > 1 && gather_shares(p->outputs);
+	char part[GATHER_PART];
+	int r = shared ? gather_share_agreed(p, part, err) : WORK_E_ABSENT;
+
+	if (r == WORK_E_ABSENT)
+		return forget_parts(v, NULL, err);
+	if (!r && all_there(p, part))
+		return forget_parts(v, part, err);
+	if (!r)
+		r = gather_share_forget(p, part, err);
+	return r ? r : forget_parts(v, NULL, err);
+}
+
+int gather_recover(const struct gather_params *p, uint32_t *ret, struct err *err)
+{
+	static const enum work_phase phases[] = {WORK_PLAN, WORK_MESH, WORK_SUM, WORK_GATHER, WORK_FINISH};
+	struct recovery v = {.p = p};
+	int r = 0;
+
+	*ret = 0;
+	for (size_t i = 0; i < sizeof(phases) / sizeof(phases[0]) && !r; i++)
+		r = look(&v, phases[i], err);
+	for (size_t i = 0; phases[i] < WORK_FINISH && v.failed && !r; i++)
+		r = forget_lost(&v, phases[i], err);
+	if (!r && v.gone)
+		r = forget_outputs(&v, err);
+	*ret = v.n;
+	return r;
+}
