@@ -594,6 +594,6 @@ int main(void)
 		cmocka_unit_test(test_memory), cmocka_unit_test(test_foreign),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: files of sources", tests, NULL, NULL);
 }
