@@ -116,7 +116,7 @@ int ctl_dataset_export(struct program *ctl)
 struct bringing {
 	const char *dir;
 	int dirfd, fd;
-	char **name; /* "manifest", then the segments */
+	char **name; /* "manifest", then the others */
 	size_t n, at;
 	char path[512];
 	struct err err;
@@ -149,7 +149,8 @@ static int manifest_first(const void *a, const void *b)
 	return mx || my ? my - mx : strcmp(x, y);
 }
 
-/* A file of a dataset: its manifest, a segment, or a file of lines, which is named by the number of its source. */
+/* A file of a dataset: its manifest, a segment, a file of sources, or a file of lines, which is named by the number of its
+ * source. */
 static bool is_of_dataset(const char *name)
 {
 	static const char *const lines[] = {"lines-", "lineset-", "places-"};
@@ -161,6 +162,8 @@ static bool is_of_dataset(const char *name)
 		if (!strncmp(name, lines[i], strlen(lines[i])) && *number && strspn(number, "0123456789") == strlen(number))
 			return true;
 	}
+	if (!strcmp(name, "sources") || (!strncmp(name, "sources-", 8) && !strchr(name, '.')))
+		return true;
 	return !strcmp(name, "manifest") || (k >= 5 && *name != '.' && !strcmp(name + k - 4, ".seg"));
 }
 

@@ -33,7 +33,7 @@ static int read_manifest(struct gather_input *in, struct err *err)
 		r = work_file_open(in->p->work, commit->file[0].name, commit->file[0].size, &fd, err);
 	io_close(fd);
 	if (!r)
-		r = grid_manifest_load(work_fd(in->p->work), commit->file[0].name, in->ledger, &in->manifest, err);
+		r = grid_manifest_load_bare(work_fd(in->p->work), commit->file[0].name, in->ledger, &in->manifest, err);
 	work_record_free(commit);
 	in->held = ledger_held(in->ledger, LEDGER_MANIFEST) +
 		   gather_sum_bytes(in->npacks, work_about(in->p->work)->tasks[WORK_GATHER]);

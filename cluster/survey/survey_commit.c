@@ -220,39 +220,58 @@ static int same_files(int a, int b, const char *name, bool *ret, struct err *err
 }
 
 /* Another attempt was first, or the answer of a link was lost. */
-static int check_manifest(struct commit *c, const char *temp, struct err *err)
+static int check_same(struct commit *c, const char *temp, const char *file, struct err *err)
 {
+	char path[WORK_NAME];
 	int fd[2] = {-1, -1}, r;
 	bool same = false;
 
+	snprintf(path, sizeof path, WORK_IN_DATASET "/%s", file);
+
 	r = work_file_open(c->s->work, temp, UINT64_MAX, &fd[0], err);
 	if (!r)
-		r = work_file_open(c->s->work, WORK_IN_DATASET "/manifest", UINT64_MAX, &fd[1], err);
+		r = work_file_open(c->s->work, path, UINT64_MAX, &fd[1], err);
 	if (!r)
-		r = same_files(fd[0], fd[1], "manifest", &same, err);
+		r = same_files(fd[0], fd[1], file, &same, err);
 	io_close(fd[0]);
 	io_close(fd[1]);
 	if (r || same)
 		return r;
-	err_set(err, ERR_CONFLICT, "the dataset has a manifest of other stages");
+	err_set(err, ERR_CONFLICT, "the dataset has a file %s of other stages", file);
 	err_add_hint(err, "remove it, and run the task again");
-	return err_add_file(err, WORK_IN_DATASET "/manifest");
+	return err_add_file(err, path);
+}
+
+/* Gives a file of this attempt its name in the dataset. */
+static int name_file(struct commit *c, const char *temp, const char *file, struct err *err)
+{
+	int r = 0;
+
+	if (io->linkat(work_fd(c->s->work), temp, c->dataset, file, 0)) {
+		int sys = errno;
+
+		r = sys == EEXIST ? check_same(c, temp, file, err) : err_sys(err, sys, "cannot name the file %s", file);
+	}
+	if (!r && io->unlinkat(work_fd(c->s->work), temp, 0))
+		r = err_sys(err, errno, "cannot remove %s", temp);
+	return r;
 }
 
 static int publish(struct commit *c, const struct grid_manifest *m, struct err *err)
 {
-	char temp[WORK_NAME];
+	char temp[WORK_NAME], sources[WORK_NAME];
+	struct grid_apart apart = {.name = "sources", .as = sources + strlen(WORK_IN_DATASET "/")};
 	int r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "manifest", "", temp, err);
 
 	if (!r)
-		r = grid_manifest_write(c->dataset, temp + strlen(WORK_IN_DATASET "/"), m, err);
-	if (!r && io->linkat(work_fd(c->s->work), temp, c->dataset, "manifest", 0)) {
-		int sys = errno;
-
-		r = sys == EEXIST ? check_manifest(c, temp, err) : err_sys(err, sys, "cannot name the manifest");
-	}
-	if (!r && io->unlinkat(work_fd(c->s->work), temp, 0))
-		r = err_sys(err, errno, "cannot remove %s", temp);
+		r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "sources", "", sources, err);
+	if (!r)
+		r = grid_manifest_write_apart(c->dataset, temp + strlen(WORK_IN_DATASET "/"), &apart, m, err);
+	/* First what the manifest names. */
+	if (!r && apart.made)
+		r = name_file(c, sources, apart.name, err);
+	if (!r)
+		r = name_file(c, temp, "manifest", err);
 	return r ? r : work_result_file(c->s->attempt, WORK_IN_DATASET "/manifest", err);
 }
 

@@ -158,11 +158,16 @@ static int take_copy(struct backup *b, int from, const char *name, const char *p
 	return r ? r : add_line(b, 'C', path, at, err);
 }
 
-static int take_pathless(struct backup *b, struct grid_manifest *m, const char *path, struct err *err)
+/* It has all sources itself, so that it names no file with paths. */
+static int take_pathless(struct backup *b, int from, struct grid_manifest *m, const char *path, struct err *err)
 {
 	uint64_t bytes = 0;
-	int r;
+	int r = grid_manifest_complete(from, m, err);
 
+	if (r == -ERR_CORRUPT && err->sys == ENOENT)
+		return gone(b, err->file);
+	if (r)
+		return r;
 	for (size_t i = 0; i < m->nsources; i++)
 		m->sources[i].path = "";
 	r = grid_manifest_write(b->dirfd, path, m, err);
@@ -216,14 +221,16 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 	if (io->faccessat(fd, manifest, F_OK, 0) < 0 && errno == ENOENT)
 		r = gone(b, path);
 	else
-		r = grid_manifest_load(fd, manifest, b->copies->core->p.ledger, &m, err);
+		r = grid_manifest_load_bare(fd, manifest, b->copies->core->p.ledger, &m, err);
 	while (!r && grid_manifest_next_file(m, &at, &file)) {
+		if (file.of_sources && b->pathless)
+			continue;
 		snprintf(path, sizeof path, "%s%s", prefix, file.name);
 		r = take_link(b, fd, file.name, path, err);
 	}
 	snprintf(path, sizeof path, "%s%s", prefix, as);
 	if (!r)
-		r = b->pathless ? take_pathless(b, m, path, err) : take_link(b, fd, manifest, path, err);
+		r = b->pathless ? take_pathless(b, fd, m, path, err) : take_link(b, fd, manifest, path, err);
 	grid_manifest_free(m);
 	io_close(fd);
 	return r;

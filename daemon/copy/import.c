@@ -40,7 +40,7 @@ struct import {
 	struct dataset_next becomes;
 	size_t nfiles;
 	bool *have; /* for each file that the manifest names */
-	char name[NAME], made_name[NAME];
+	char name[NAME], made_name[NAME], sources_name[NAME];
 	int fd;
 	uint64_t taken; /* space on the disk */
 	int r;
@@ -288,7 +288,7 @@ static int take_manifest(struct import *i, uint64_t bytes)
 	if (!r)
 		r = copy_file(i, as, bytes, &i->err);
 	if (!r)
-		r = grid_manifest_load(i->dataset->dirfd, as, i->copies->core->p.ledger, &i->m, &i->err);
+		r = grid_manifest_load_bare(i->dataset->dirfd, as, i->copies->core->p.ledger, &i->m, &i->err);
 	if (!r && !i->m->generation)
 		r = err_set(&i->err, ERR_INPUT, "this is not the manifest of a dataset");
 	if (!r) {
@@ -299,6 +299,12 @@ static int take_manifest(struct import *i, uint64_t bytes)
 	if (!r)
 		r = io_remove(i->dataset->dirfd, as, &i->err);
 	return r;
+}
+
+/* The name of a file of sources until the commit. */
+static void sources_name(const struct import *i, size_t k, char buf[NAME])
+{
+	snprintf(buf, NAME, "import-%llu.sources-%zu", (unsigned long long)i->push, k);
 }
 
 /* A file that the manifest names: k is its number. */
@@ -322,6 +328,8 @@ static void take_named(struct import *i, const struct client_file *id)
 	} else if (!i->have[k] && !is_derived(i, file.name)) {
 		if (file.source)
 			memcpy(as, file.name, sizeof as);
+		else if (file.of_sources)
+			sources_name(i, k - i->m->nsegments, as);
 		else
 			segment_name(i, k, as);
 		i->r = take_space(i, id->size);
@@ -449,12 +457,48 @@ static int check_segments(struct import *i, struct err *err)
 	return r;
 }
 
-/* Writes the manifest with the names that the segments have here, and without line sets. */
+/* Reads the files of sources, which have other names here. */
+static int read_sources(struct import *i, struct err *err)
+{
+	char sent[GRID_SOURCES_FILES][NAME];
+	int r;
+
+	if (!i->m->bare)
+		return 0; /* by a commit that failed */
+	for (size_t k = 0; k < i->m->nfiles; k++) {
+		memcpy(sent[k], i->m->files[k].name, NAME);
+		sources_name(i, k, i->m->files[k].name);
+	}
+	r = grid_manifest_complete(i->dataset->dirfd, i->m, err);
+	for (size_t k = 0; k < i->m->nfiles; k++) {
+		if (r && !strcmp(err->file, i->m->files[k].name))
+			snprintf(err->file, sizeof err->file, "%s", sent[k]);
+		memcpy(i->m->files[k].name, sent[k], NAME);
+	}
+	return r;
+}
+
+static int remove_sources(struct import *i, struct err *err)
+{
+	char name[NAME];
+	int r = 0;
+
+	for (size_t k = 0; !r && k < i->m->nfiles; k++) {
+		sources_name(i, k, name);
+		r = io_remove(i->dataset->dirfd, name, err);
+	}
+	return r;
+}
+
+/* Writes the manifest with the names that the segments have here, with a file of sources of its own, and without line sets. */
 static int write_manifest(struct import *i, struct err *err)
 {
+	struct grid_apart apart = {.name = i->sources_name};
 	struct grid_manifest m = *i->m;
 	int r;
 
+	m.files = NULL;
+	m.nfiles = 0;
 	m.segments = calloc(m.nsegments + 1, sizeof *m.segments);
 	m.sources = calloc(m.nsources + 1, sizeof *m.sources);
 	m.nsegments = m.nsources = 0;
@@ -468,7 +512,7 @@ static int write_manifest(struct import *i, struct err *err)
 		if (i->m->sources[k].kind != GRID_LINE_VERTICES)
 			m.sources[m.nsources++] = i->m->sources[k];
 	if (m.segments && m.sources)
-		r = grid_manifest_write(i->dataset->dirfd, i->made_name, &m, err);
+		r = grid_manifest_write_apart(i->dataset->dirfd, i->made_name, &apart, &m, err);
 	else
 		r = err_set(err, ERR_NOMEM, "no memory for an import");
 	free(m.segments);
@@ -493,7 +537,11 @@ static void commit_run(struct sched_task *t)
 			return;
 		}
 	}
-	i->r = write_manifest(i, &i->err);
+	i->r = read_sources(i, &i->err);
+	if (!i->r)
+		i->r = write_manifest(i, &i->err);
+	if (!i->r)
+		i->r = remove_sources(i, &i->err);
 	i->made = grid_manifest_free(i->made); /* left by a commit that failed */
 	if (!i->r)
 		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->copies->core->p.ledger, &i->made, &i->err);
@@ -540,7 +588,7 @@ static int put_row(struct import *i, struct err *err)
 	int r;
 
 	dataset_next_clear(&i->becomes); /* left by a commit that failed */
-	r = dataset_next_make(i->dataset, i->made, i->made_name, clock_real_us(), &i->becomes, err);
+	r = dataset_next_make(i->dataset, i->made, NULL, i->made_name, clock_real_us(), &i->becomes, err);
 	return r ? r : dataset_next_put(i->dataset, &i->becomes, i->push, row_done, i, err);
 }
 
@@ -572,5 +620,6 @@ void import_commit(struct import *i, void (*done)(void *token, const struct err 
 	i->done = done;
 	i->token = token;
 	snprintf(i->made_name, sizeof i->made_name, "manifest-import-%llu", (unsigned long long)i->push);
+	dataset_sources_name(i->made_name, i->sources_name);
 	submit(i, commit_run, commit_done, 0);
 }

@@ -270,10 +270,12 @@ struct dataset_next {
 	int64_t pushed_us;
 	int32_t box[4];
 	bool merge_due, sets_due;
-	struct dataset_obsolete *obsolete; /* names the manifest that is replaced */
+	struct dataset_obsolete
+		*obsolete; /* names the manifest that is replaced, and its files of sources that are not used any more */
 };
-int dataset_next_make(const struct dataset *, const struct grid_manifest *, const char *manifest, int64_t pushed_us,
-		      struct dataset_next *ret, struct err *err);
+/* `apart`: what writing the manifest did; NULL: no file of sources is obsolete. */
+int dataset_next_make(const struct dataset *, const struct grid_manifest *, const struct grid_apart *apart, const char *manifest,
+		      int64_t pushed_us, struct dataset_next *ret, struct err *err);
 void dataset_next_clear(struct dataset_next *); /* frees what it has; an empty one is fine */
 /* Also drops the row of `push` in the same transaction; 0: of no push. `done` must call dataset_row_written. */
 int dataset_next_put(struct dataset *, const struct dataset_next *, uint64_t push, catalogue_done_fn done, void *ctx,
@@ -283,9 +285,13 @@ void dataset_row_written(struct dataset *);
  * caller removes it. */
 void dataset_next_install(struct dataset *, struct dataset_next *next, bool old_in_use);
 
-/* Removes manifests that an earlier daemon left, once a start; `newest` is that of the dataset. Worker, with the folder open,
- * before a manifest is written. */
-void dataset_tidy(struct dataset *, const char *newest);
+/* Removes manifests and files of sources that an earlier daemon left, once a start; `newest` is that of the dataset, `m` what is
+ * in it. Worker, with the folder open, before a manifest is written. */
+void dataset_tidy(struct dataset *, const char *newest, const struct grid_manifest *m);
+/* The name of a file of sources that is written with a manifest of that name. */
+void dataset_sources_name(const char *manifest, char ret[64]);
+/* Removes a manifest that nothing names, and the file of sources that was made with it. */
+void dataset_remove_made(int dirfd, const char *manifest, const struct grid_apart *);
 /* Sets m->generations to those of `base` (NULL: none) and one for m->generation, with the sums of its sources; the caller frees
  * it. Worker. */
 int dataset_note_generation(struct grid_manifest *m, const struct grid_manifest *base, const struct peer *,

@@ -14,7 +14,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "clock.h"
 #include "io.h"
@@ -49,7 +48,7 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 
 	if (r)
 		return r;
-	m.texts = NULL;
+	m.texts = m.names = NULL;
 	m.spans = NULL;
 	m.ledger = NULL;
 	m.charged = 0;
@@ -68,8 +67,9 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 		c->made_generation = m.generations[m.ngenerations - 1];
 		c->made_generation.user = NULL;
 	}
+	c->apart.name = c->sources_name;
 	if (!r)
-		r = grid_manifest_write(dirfd, c->made_name, &m, err);
+		r = grid_manifest_write_apart(dirfd, c->made_name, &c->apart, &m, err);
 	if (!r)
 		r = grid_manifest_load(dirfd, c->made_name, c->datasets->core->p.ledger, &c->made, err);
 	free(m.segments);
@@ -80,9 +80,16 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 	return r;
 }
 
+void dataset_remove_made(int dirfd, const char *manifest, const struct grid_apart *apart)
+{
+	io->unlinkat(dirfd, manifest, 0);
+	if (apart->made)
+		io->unlinkat(dirfd, apart->name, 0);
+}
+
 static void remove_made(struct dataset_change *c)
 {
-	io->unlinkat(c->dataset->dirfd, c->made_name, 0);
+	dataset_remove_made(c->dataset->dirfd, c->made_name, &c->apart);
 	if (c->undo)
 		c->undo(c);
 }
@@ -95,9 +102,9 @@ static void change_run(struct sched_task *t)
 	c->r = dataset_open(c->dataset, &c->err);
 	c->opened = !c->r;
 	if (!c->r)
-		dataset_tidy(c->dataset, c->base_name);
-	if (!c->r)
 		c->r = grid_manifest_load(c->dataset->dirfd, c->base_name, c->datasets->core->p.ledger, &base, &c->err);
+	if (!c->r)
+		dataset_tidy(c->dataset, c->base_name, base);
 	if (!c->r)
 		c->r = write_made(c, base, &c->err);
 	/* Nothing names a manifest that was not committed. */
@@ -109,31 +116,35 @@ static void change_run(struct sched_task *t)
 struct others {
 	const struct dataset *dataset;
 	const char *keep;
+	const struct grid_manifest *m; /* what is in it */
 };
 
 static int remove_other(void *ctx, const struct dirent *e, struct err *err)
 {
 	const struct others *o = ctx;
 
-	if (strncmp(e->d_name, "manifest-", 9) || !strcmp(e->d_name, o->keep))
+	if ((strncmp(e->d_name, "manifest-", 9) && strncmp(e->d_name, "sources-", 8)) || !strcmp(e->d_name, o->keep))
 		return 0;
+	for (size_t i = 0; i < o->m->nfiles; i++)
+		if (!strcmp(e->d_name, o->m->files[i].name))
+			return 0;
 	return io_remove(o->dataset->dirfd, e->d_name, err);
 }
 
-/* No other manifest is being read or written now, so all others are obsolete. */
-static void remove_others(const struct dataset *d, const char *keep)
+/* No other manifest is being read or written now, so all others are obsolete, and so are their files of sources. */
+static void remove_others(const struct dataset *d, const char *keep, const struct grid_manifest *m)
 {
 	struct err err = ERR_INIT;
 
-	if (io_list(d->dirfd, ".", remove_other, &(struct others){d, keep}, &err))
+	if (io_list(d->dirfd, ".", remove_other, &(struct others){d, keep, m}, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "an old manifest stays behind", &err);
 }
 
-void dataset_tidy(struct dataset *d, const char *newest)
+void dataset_tidy(struct dataset *d, const char *newest, const struct grid_manifest *m)
 {
 	/* Without the newest manifest nothing is removed, so that the folder can be repaired. */
-	if (!d->tidied && !d->onestep && *newest && faccessat(d->dirfd, newest, F_OK, 0) == 0)
-		remove_others(d, newest);
+	if (!d->tidied && !d->onestep && *newest)
+		remove_others(d, newest, m);
 	d->tidied = true;
 }
 
@@ -146,7 +157,13 @@ static void tidy_run(struct sched_task *t)
 	if (c->r)
 		remove_made(c);
 	else
-		remove_others(c->dataset, c->made_name);
+		remove_others(c->dataset, c->made_name, c->made);
+}
+
+void dataset_sources_name(const char *manifest, char ret[64])
+{
+	assert(!strncmp(manifest, "manifest-", 9));
+	snprintf(ret, 64, "sources-%.54s", manifest + 9);
 }
 
 /* ---- loop ---- */
@@ -208,7 +225,8 @@ static void change_done(struct sched_task *t)
 	if (!t->ran)
 		c->r = err_set(&c->err, ERR_CANCELLED, "the daemon is stopping");
 	if (!c->r)
-		c->r = dataset_next_make(c->dataset, c->made, c->made_name, c->dataset->pushed_us, &c->new_state, &c->err);
+		c->r = dataset_next_make(c->dataset, c->made, &c->apart, c->made_name, c->dataset->pushed_us, &c->new_state,
+					 &c->err);
 	if (!c->r)
 		c->r = dataset_next_put(c->dataset, &c->new_state, 0, row_written, c, &c->err);
 	if (!c->r)
@@ -230,6 +248,7 @@ static void change_begin(struct dataset_change *c)
 	/* The time makes the name unique, also among those of earlier daemons. */
 	snprintf(c->made_name, sizeof c->made_name, "manifest-%llu-c%llu", (unsigned long long)d->generation + 1,
 		 (unsigned long long)clock_real_us());
+	dataset_sources_name(c->made_name, c->sources_name);
 	dataset_read_begin(d);
 	change_submit(c, change_run, change_done);
 }

@@ -28,6 +28,8 @@ struct dataset_change {
 	/* of dataset_change.c */
 	struct datasets *datasets;
 	char base_name[64], made_name[64];
+	char sources_name[64];
+	struct grid_apart apart; /* of what was made */
 	struct grid_manifest *made;
 	struct dataset_next new_state;
 	bool opened;

@@ -109,7 +109,7 @@ int dataset_sweep(struct dataset *d, bool again, struct err *err)
 	if (r)
 		return r;
 	if (*d->manifest)
-		r = grid_manifest_load(d->dirfd, d->manifest, d->datasets->core->p.ledger, &m, err);
+		r = grid_manifest_load_bare(d->dirfd, d->manifest, d->datasets->core->p.ledger, &m, err);
 	sweep.m = m;
 	sweep.dirfd = d->dirfd;
 	if (!r)

@@ -46,9 +46,10 @@ static void sum_sources(struct dataset_next *n, const struct grid_manifest *m)
 	}
 }
 
-int dataset_next_make(const struct dataset *d, const struct grid_manifest *m, const char *manifest, int64_t pushed_us,
-		      struct dataset_next *ret, struct err *err)
+int dataset_next_make(const struct dataset *d, const struct grid_manifest *m, const struct grid_apart *apart,
+		      const char *manifest, int64_t pushed_us, struct dataset_next *ret, struct err *err)
 {
+	unsigned dropped = apart ? apart->ndropped : 0;
 	struct dataset_next n = {
 		.generation = m->generation,
 		.oldest = grid_manifest_oldest(m),
@@ -67,9 +68,11 @@ int dataset_next_make(const struct dataset *d, const struct grid_manifest *m, co
 	n.crs = strdup(m->crs);
 	n.unit_xy = strdup(m->unit_xy);
 	n.unit_z = strdup(m->unit_z);
-	n.obsolete = dataset_obsolete_new(1);
+	n.obsolete = dataset_obsolete_new(1 + dropped);
 	if (n.obsolete && *d->manifest)
 		dataset_obsolete_add(n.obsolete, d->manifest);
+	for (unsigned i = 0; n.obsolete && i < dropped; i++)
+		dataset_obsolete_add(n.obsolete, apart->dropped[i]);
 	if (n.lattice && n.crs && n.unit_xy && n.unit_z && n.obsolete) {
 		*ret = n;
 		return 0;

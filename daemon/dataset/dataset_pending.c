@@ -197,8 +197,8 @@ static bool was_committed(const struct dataset *d, const struct grid_manifest *b
 	k = strlen(end);
 	if (n > k && !strcmp(d->manifest + n - k, end))
 		return true;
-	for (size_t i = 0; base && m && i < base->nsources; i++)
-		if (m->nsources && base->sources[i].id == m->sources[0].id)
+	for (size_t i = 0; base && m && m->nsources && i < base->nbatches; i++)
+		if (m->sources[0].id - base->batches[i].first < base->batches[i].n)
 			return true;
 	return false;
 }
@@ -219,7 +219,7 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 		return r;
 	}
 	if (*d->manifest)
-		r = grid_manifest_load(d->dirfd, d->manifest, d->datasets->core->p.ledger, &base, err);
+		r = grid_manifest_load_bare(d->dirfd, d->manifest, d->datasets->core->p.ledger, &base, err);
 	pending_manifest_name(row->id, name);
 	if (!r) {
 		r = grid_manifest_load(d->dirfd, name, d->datasets->core->p.ledger, &m, &absent);

@@ -164,6 +164,7 @@ static int prune_alter(struct dataset_rewrite *w, const struct grid_manifest *ba
 			continue;
 		if (is_dropped(p, s->id)) {
 			s->points = 0;
+			s->file = 0;
 			s->kind = GRID_POINTS;
 			s->lines = NULL;
 		}

@@ -127,6 +127,34 @@ static int read_lines(struct reading *r, int dirfd, const struct grid_source *s,
 	return 0;
 }
 
+/* The files of sources of a manifest, each by itself, then what is in them. */
+static int read_sources(struct reading *r, int dirfd, struct grid_manifest *m, struct err *err)
+{
+	const char *what = r->what;
+	struct err why = ERR_INIT;
+	unsigned found = 0;
+	int s = 0;
+
+	r->what = r->derived ? what : "sources";
+	for (size_t i = 0; i <= m->nfiles && !(found && i == m->nfiles); i++) {
+		s = i < m->nfiles ? grid_sources_verify(dirfd, m, i, &why) : grid_manifest_complete(dirfd, m, &why);
+		if (lacks_memory(s) || s == -ERR_LIMIT)
+			break;
+		if (i < m->nfiles)
+			atomic_fetch_add(&r->v->files, 1);
+		if (s) {
+			found++;
+			damaged(r, &why);
+			why = ERR_INIT;
+		}
+		s = 0;
+	}
+	r->what = what;
+	if (s)
+		*err = why;
+	return s;
+}
+
 /* Reads a manifest and all files that it names. 0: all was read, damaged or not. */
 static int read_manifest(struct reading *r, int dirfd, const char *name, struct err *err)
 {
@@ -139,7 +167,7 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 	};
 	struct grid_manifest *m = NULL;
 	struct err why = ERR_INIT;
-	int s = grid_manifest_load(dirfd, name, r->v->maintenance->core->p.ledger, &m, &why);
+	int s = grid_manifest_load_bare(dirfd, name, r->v->maintenance->core->p.ledger, &m, &why);
 
 	atomic_fetch_add(&r->v->files, 1);
 	if (s && (lacks_memory(s) || s == -ERR_LIMIT)) {
@@ -155,6 +183,7 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 		r->what = what;
 		return 0;
 	}
+	s = read_sources(r, dirfd, m, err);
 	for (size_t i = 0; !s && i < m->nsegments; i++) {
 		atomic_fetch_add(&r->v->files, 1);
 		s = grid_verify_segment(&p, m, i, err);

@@ -62,7 +62,7 @@ static void undo_commit(struct push *p)
 	pending_stage_name(p->id, segment);
 	strcat(segment, ".seg");
 	io->unlinkat(p->dataset->dirfd, segment, 0);
-	io->unlinkat(p->dataset->dirfd, p->made_name, 0);
+	dataset_remove_made(p->dataset->dirfd, p->made_name, &p->apart);
 	push_lines_undo(p);
 }
 
@@ -75,6 +75,8 @@ void push_close_run(struct push *p, struct push_request *rq)
 		undo_commit(p);
 	if (p->removes_old_manifest && *p->base_name)
 		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
+	for (unsigned i = 0; p->removes_old_manifest && i < p->apart.ndropped; i++)
+		io->unlinkat(p->dataset->dirfd, p->apart.dropped[i], 0);
 	/* The row leads the next start to the files, so it is dropped only when their removal is durable. */
 	if (p->opened && !p->kept && p->has_row && io_sync(p->dataset->dirfd, "the folder of a dataset", &err)) {
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "files of a push stay until the next start", &err);

@@ -82,6 +82,7 @@ int push_commit_start(struct push *p, struct push_request *rq, struct err *err)
 	/* The name is unique, so a push that fails removes only its own files. */
 	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu-%llu", (unsigned long long)d->generation + 1,
 		 (unsigned long long)p->id);
+	dataset_sources_name(p->made_name, p->sources_name);
 	return 0;
 }
 
@@ -142,6 +143,20 @@ static int check_newer(struct push *p, struct err *err)
 	return err_add_file(err, twice->path);
 }
 
+static int write_manifest(struct push *p, const struct grid_manifest *m, struct err *err)
+{
+	int dirfd = p->dataset->dirfd, r;
+
+	p->apart.name = p->sources_name;
+	r = grid_manifest_write_apart(dirfd, p->made_name, &p->apart, m, err);
+	if (r)
+		return r;
+	r = grid_manifest_read(dirfd, p->made_name, &p->made, err);
+	if (r)
+		dataset_remove_made(dirfd, p->made_name, &p->apart);
+	return r;
+}
+
 /* The newest manifest with one more segment and the sources of this push. */
 static int commit_manifest(struct push *p, const struct grid_segment_info *segment, struct err *err)
 {
@@ -174,6 +189,8 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 			m.sources[at++] = p->sources[i];
 		for (i = nsrc; i < at; i++)
 			m.sources[i].added = generation;
+		m.files = p->base ? p->base->files : NULL;
+		m.nfiles = p->base ? p->base->nfiles : 0;
 		r = push_replace_apply(p, &m, err);
 		push_lines_put(p, &m);
 		m.oldest = p->base ? p->base->oldest : 0;
@@ -184,9 +201,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 		if (!r)
 			r = dataset_note_generation(&m, p->base, &p->peer, p->nreplaced ? GRID_REPLACE : GRID_PUSH, 0, err);
 		if (!r)
-			r = grid_manifest_write(p->dataset->dirfd, p->made_name, &m, err);
-		if (!r)
-			r = grid_manifest_read(p->dataset->dirfd, p->made_name, &p->made, err);
+			r = write_manifest(p, &m, err);
 	}
 	free(m.segments);
 	free(m.sources);
@@ -198,11 +213,12 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 /* The first part, by one worker. */
 static void seal_begin(struct push *p, struct push_request *rq)
 {
-	dataset_tidy(p->dataset, p->base_name);
 	/* Another push may have committed since this one began. */
 	p->base = grid_manifest_free(p->base);
 	if (*p->base_name)
 		rq->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &rq->err);
+	if (!rq->r && p->base)
+		dataset_tidy(p->dataset, p->base_name, p->base);
 	if (!rq->r)
 		rq->r = check_newer(p, &rq->err);
 	if (rq->r)
@@ -339,7 +355,8 @@ bool push_commit_done(struct push *p, struct push_request *rq, const struct err 
 	}
 	if (!p->stage)
 		push_stage_give(p);
-	if (!why && p->made && dataset_next_make(p->dataset, p->made, p->made_name, clock_real_us(), &p->new_state, &err))
+	if (!why && p->made &&
+	    dataset_next_make(p->dataset, p->made, &p->apart, p->made_name, clock_real_us(), &p->new_state, &err))
 		why = &err;
 	if (!why && p->made && !p->dataset->onestep) {
 		if (!dataset_next_put(p->dataset, &p->new_state, 0, commit_row_written, p, &err)) {

@@ -233,8 +233,9 @@ struct push {
 	} lines;
 
 	struct grid_manifest *made; /* by the commit */
+	struct grid_apart apart;
 	struct dataset_next new_state;
-	char made_name[64];
+	char made_name[64], sources_name[64];
 
 	struct push_space {                     /* push_space.c */
 		struct lock lock;               /* guards what is not atomic */

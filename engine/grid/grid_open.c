@@ -1,6 +1,6 @@
 /*
  * Opens a manifest for reading one generation (grid.h). A record is live if its source was added in that generation or
- * before and was not removed by then. This is decided once for each source, here. Later only the cache of index pages
+ * before and was not removed by then. This is decided once for each batch of sources, here. Later only the cache of index pages
  * changes.
  */
 #include <errno.h>
@@ -17,11 +17,17 @@
 
 static const struct grid_liveness *find_source(const struct grid *g, uint32_t source)
 {
-	struct grid_liveness key = {.id = source};
+	size_t lo = 0, hi = g->nsources;
 
-	if (!g->manifest->nsources)
-		return NULL;
-	return bsearch(&key, g->sources, g->manifest->nsources, sizeof key, order_u32);
+	while (lo < hi) {
+		size_t mid = lo + (hi - lo) / 2;
+
+		if (g->sources[mid].last < source)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo < g->nsources && g->sources[lo].first <= source ? &g->sources[lo] : NULL;
 }
 
 bool grid_live(const struct grid *g, uint32_t source)
@@ -149,7 +155,7 @@ static int find_root(const struct grid *g, uint32_t segment, struct err *err)
 	if (rc)
 		return rc;
 	rc = grid_segment_header(&p, &g->manifest->segments[segment], &h, err);
-	if (rc == 0 && h.sources > g->manifest->nsources)
+	if (rc == 0 && h.sources > g->manifest->nall)
 		rc = grid_segment_damaged(&p, h.sources_place, "one of its sources is not in the manifest", err);
 	if (rc == 0)
 		rc = check_sources(g, &p, &h, err);
@@ -222,9 +228,15 @@ static size_t lines_memory(const struct grid *g, size_t index_memory)
 	return bytes < index_memory ? bytes : index_memory;
 }
 
+/* Slots are of sources, all else is of batches. */
+static uint64_t ranges_most(const struct grid *g, const struct grid_use *use)
+{
+	return use->slots ? g->manifest->nall : g->manifest->nbatches;
+}
+
 /* Charges the tables (also the one of the sources of a segment that is opened late) and as many frames as index_memory has room
  * for, but no more than the index has pages. */
-static int charge(struct grid *g, size_t index_memory, bool late, size_t *ret_frames, struct err *err)
+static int charge(struct grid *g, size_t index_memory, const struct grid_use *use, size_t *ret_frames, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
 	uint64_t pages = 0, frames = index_memory / (grid_cache_bytes(1) - grid_cache_bytes(0));
@@ -232,11 +244,11 @@ static int charge(struct grid *g, size_t index_memory, bool late, size_t *ret_fr
 	for (size_t i = 0; i < m->nsegments; i++)
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
-	/* Sorting the sources may double them for a while. */
+	/* Sorting the batches of sources may double them for a while. */
 	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live + sizeof *g->roots) +
-			 (late ? m->nsources * sizeof(struct disk_total) : 0) + grid_files_bytes(m->nsegments) +
-			 grid_order_bytes(m->nsegments) + 2 * m->nsources * sizeof *g->sources + grid_cache_bytes(frames) +
-			 SLOTS_MOST * sizeof *g->slot_sum;
+			 (use->late ? m->nall * sizeof(struct disk_total) : 0) + grid_files_bytes(m->nsegments) +
+			 grid_order_bytes(m->nsegments) + 2 * m->nbatches * sizeof *m->batches +
+			 ranges_most(g, use) * sizeof *g->sources + grid_cache_bytes(frames) + SLOTS_MOST * sizeof *g->slot_sum;
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
 		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset", (unsigned long long)bytes);
@@ -251,7 +263,7 @@ static bool is_late(const struct grid *g, const struct grid_use *use)
 {
 	bool all = use->late && !use->slots;
 
-	for (size_t i = 0; all && i < g->manifest->nsources; i++)
+	for (size_t i = 0; all && i < g->nsources; i++)
 		all = g->sources[i].live;
 	return all;
 }
@@ -283,27 +295,45 @@ static int fill_segments(struct grid *g, int dirfd, const struct grid_use *use, 
 	return 0;
 }
 
+/* The ranges of numbers, ascending. */
+static void fill_ranges(struct grid *g, const struct grid_batch *b, uint64_t generation, const struct grid_use *use)
+{
+	bool slots = use->slots && b->kind == GRID_POINTS;
+	struct grid_liveness range = {
+		.first = b->first,
+		.last = b->first + (b->n - 1),
+		.live = grid_batch_live(b, generation) && !(use->no_lines && b->kind == GRID_LINE_VERTICES),
+	};
+
+	if (!slots)
+		g->sources[g->nsources++] = range;
+	for (uint32_t k = 0; slots && k < b->n; k++) {
+		range.first = range.last = b->first + k;
+		range.slot = slots_of(use->slots, range.first);
+		g->sources[g->nsources++] = range;
+	}
+}
+
 static int fill_sources(struct grid *g, uint64_t generation, const struct grid_use *use, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
+	size_t n = 0;
+	struct grid_batch *batches = grid_batches_sorted(m, &n);
 
-	g->sources = calloc(m->nsources ? m->nsources : 1, sizeof *g->sources);
+	g->sources = calloc(ranges_most(g, use) + 1, sizeof *g->sources);
 	g->segments = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->segments);
 	g->live = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->live);
 	g->slots = use->slots != NULL;
 	if (g->slots)
 		g->slot_sum = calloc(SLOTS_MOST, sizeof *g->slot_sum);
-	if (!g->sources || !g->segments || !g->live || (g->slots && !g->slot_sum))
-		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources, m->nsegments);
-	for (size_t i = 0; i < m->nsources; i++) {
-		const struct grid_source *s = &m->sources[i];
-
-		g->sources[i].id = s->id;
-		g->sources[i].live = grid_source_live(s, generation) && !(use->no_lines && s->kind == GRID_LINE_VERTICES);
-		g->sources[i].slot = use->slots && s->kind == GRID_POINTS ? slots_of(use->slots, s->id) : 0;
+	if (!batches || !g->sources || !g->segments || !g->live || (g->slots && !g->slot_sum)) {
+		free(batches);
+		return err_set(err, ERR_NOMEM, "no memory for %llu sources and %zu segments", (unsigned long long)m->nall,
+			       m->nsegments);
 	}
-	if (m->nsources)
-		qsort(g->sources, m->nsources, sizeof *g->sources, order_u32);
+	for (size_t i = 0; i < n; i++)
+		fill_ranges(g, &batches[i], generation, use);
+	free(batches);
 	return 0;
 }
 
@@ -338,7 +368,7 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 	use = use ? use : &usual;
 	if (!g)
 		return err_set(err, ERR_NOMEM, "no memory to open %s", manifest);
-	int rc = grid_manifest_load(dirfd, manifest, ledger, &g->manifest, err);
+	int rc = grid_manifest_load_bare(dirfd, manifest, ledger, &g->manifest, err);
 
 	if (rc) {
 		free(g);
@@ -353,7 +383,7 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 	if (rc == 0)
 		rc = open_lines(g, dirfd, use, index_memory, err);
 	if (rc == 0)
-		rc = charge(g, index_memory - lines_memory(g, index_memory), use->late, &frames, err);
+		rc = charge(g, index_memory - lines_memory(g, index_memory), use, &frames, err);
 	if (rc == 0)
 		rc = fill_sources(g, generation, use, err);
 	if (rc == 0)

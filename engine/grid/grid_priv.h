@@ -86,8 +86,8 @@ struct grid_root {
 	_Atomic bool known;
 };
 
-struct grid_liveness { /* of a source */
-	uint32_t id;   /* first, for order_u32 */
+struct grid_liveness { /* of sources with these numbers */
+	uint32_t first, last;
 	bool live;
 	uint8_t slot;
 };
@@ -100,7 +100,8 @@ struct grid {
 	struct grid_order order;
 	struct grid_live *live;        /* of each segment */
 	struct grid_root *roots;       /* of each segment, if they are opened late; else NULL */
-	struct grid_liveness *sources; /* of the manifest, ascending by id */
+	struct grid_liveness *sources; /* all of the manifest, ascending by number */
+	size_t nsources;               /* ranges of numbers */
 	struct lineset *lines;         /* NULL: none */
 	int folder;                    /* grid_folder */
 	bool slots;                    /* sources may have some */

@@ -355,18 +355,17 @@ static int check_range(const struct verify *v, const struct grid_segment_info *i
 /* Checks that the manifest has each source of the segment. */
 static int check_sources(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, struct err *err)
 {
-	uint32_t *ids = malloc((m->nsources ? m->nsources : 1) * sizeof *ids);
-	int rc = ids ? 0 : err_set(err, ERR_NOMEM, "no memory for a table of %zu sources", m->nsources);
+	size_t n = 0;
+	struct grid_batch *batches = grid_batches_sorted(m, &n);
+	int rc = batches ? 0 :
+			   err_set(err, ERR_NOMEM, "no memory for a table of %llu sources",
+				   (unsigned long long)grid_manifest_all(m));
 
-	for (size_t i = 0; rc == 0 && i < m->nsources; i++)
-		ids[i] = m->sources[i].id;
-	if (rc == 0)
-		qsort(ids, m->nsources, sizeof *ids, order_u32);
 	for (size_t i = 0; rc == 0 && i < v->ntotals; i++)
-		if (!bsearch(&v->totals[i].id, ids, m->nsources, sizeof *ids, order_u32))
+		if (!grid_batches_find(batches, n, v->totals[i].id))
 			rc = grid_segment_damaged(&v->segment, head->sources_place, "one of its sources is not in the manifest",
 						  err);
-	free(ids);
+	free(batches);
 	return rc;
 }
 
@@ -397,21 +396,21 @@ static int verify_all(struct verify *v, const struct disk_segment *head, const s
 
 int grid_verify_segment(const struct grid_verify_params *p, const struct grid_manifest *m, size_t segment, struct err *err)
 {
-	enum { EACH = 2 * sizeof(struct disk_total) + sizeof(uint32_t) };
+	enum { EACH = 2 * sizeof(struct disk_total) };
 	struct verify v = {.p = p, .segment = {.fd = -1}};
 	struct disk_segment head = {0};
-	uint64_t bytes = m->nsources * (uint64_t)EACH;
+	uint64_t bytes = grid_manifest_all(m) * EACH + m->nbatches * sizeof(struct grid_batch);
 	int rc;
 
 	/* A segment cannot have more sources than the manifest, so a larger table is not read. */
 	if (m->ledger && !ledger_take(m->ledger, LEDGER_INDEX, bytes))
-		return err_set(err, ERR_BUSY, "no %llu bytes are free for a table of %zu sources", (unsigned long long)bytes,
-			       m->nsources);
+		return err_set(err, ERR_BUSY, "no %llu bytes are free for a table of %llu sources", (unsigned long long)bytes,
+			       (unsigned long long)grid_manifest_all(m));
 	v.block = (uint8_t *)align_line((uintptr_t)p->memory);
 	v.expected = v.block + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
 	v.pages = v.expected + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
 	rc = grid_segment_open(&v.segment, p->dirfd, &m->segments[segment], &head, err);
-	if (rc == 0 && head.sources > m->nsources)
+	if (rc == 0 && head.sources > grid_manifest_all(m))
 		rc = grid_segment_damaged(&v.segment, head.sources_place, "one of its sources is not in the manifest", err);
 	if (rc == 0)
 		rc = verify_all(&v, &head, m, segment, err);

@@ -57,11 +57,12 @@ class Giver:
     """Gives the files of an exported dataset one after the other, "manifest" first."""
 
     def __init__(self, state: State, folder: str) -> None:
-        segments = sorted(n for n in os.listdir(folder) if n.endswith(".seg") and not n.startswith("."))
+        others = sorted(n for n in os.listdir(folder) if (n.endswith(".seg") and not n.startswith(".")) or
+                        n == "sources" or (n.startswith("sources-") and "." not in n))
         if not os.path.exists(os.path.join(folder, "manifest")):
             raise InputError("there is no file manifest in this folder", file=folder,
                              hint="give a folder that acutctl dataset export has written to its end")
-        self.folder, self.names, self.fd, self.text = folder, ["manifest"] + segments, -1, b""  # type: str, List[str], int, bytes
+        self.folder, self.names, self.fd, self.text = folder, ["manifest"] + others, -1, b""  # type: str, List[str], int, bytes
         kind = _library.library().acut_import.argtypes[2]
         self.next = kind(guard(state, self._next, 3))
 

@@ -12,7 +12,7 @@ import e2e
 from e2e import Daemon, Folder, expect
 
 FIXTURES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "fixtures")
-VERSIONS = (1, 2, 3, 4, 5, 6, 7, 8)
+VERSIONS = (1, 2, 3, 4, 5, 6, 7, 8, 9)
 
 
 def unpack(version, base):

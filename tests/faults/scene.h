@@ -434,6 +434,11 @@ static bool is_manifest(const char *name)
 	return !strncmp(name, "manifest-", 9);
 }
 
+static bool is_of_manifest(const char *name)
+{
+	return is_manifest(name) || !strncmp(name, "sources-", 8);
+}
+
 static int look(const char *path, const struct stat *st, int kind, struct FTW *ftw)
 {
 	const char *name = path + ftw->base, *dot = strrchr(name, '.');
@@ -441,7 +446,7 @@ static int look(const char *path, const struct stat *st, int kind, struct FTW *f
 	bool bad = !strncmp(name, "tmp-", 4);
 
 	/* What a crash leaves in the store of domains is evicted like all that is there. */
-	if (kind != FTW_F || (after_crash && strstr(path, "/domains/")) || (keeps_manifests && is_manifest(name)))
+	if (kind != FTW_F || (after_crash && strstr(path, "/domains/")) || (keeps_manifests && is_of_manifest(name)))
 		return 0;
 	for (unsigned i = 0; dot && i < sizeof ends / sizeof *ends; i++)
 		bad |= !strcmp(dot, ends[i]);
@@ -486,7 +491,7 @@ static void look_dataset(const char *path)
 		if (is_manifest(e->d_name)) {
 			if (manifests++ == 0 || keeps_manifests)
 				continue;
-		} else if (is_named(fd, other, e->d_name)) {
+		} else if (is_named(fd, other, e->d_name) || (keeps_manifests && is_of_manifest(e->d_name))) {
 			continue;
 		}
 		printf("left behind: %s/%s\n", path, e->d_name);
@@ -539,6 +544,7 @@ static char base[36];
 static void scene_begin(void)
 {
 	setvbuf(stdout, NULL, _IOLBF, 0);
+	grid_sources_here = 0; /* each push makes a file of sources */
 	snprintf(base, sizeof base, "%s/acut-fault-XXXXXX", access("/dev/shm", W_OK) ? "/tmp" : "/dev/shm");
 	if (!mkdtemp(base))
 		abort();

@@ -175,27 +175,63 @@ static void test_back(void **state)
 	folder_remove(&f);
 }
 
-/* The file as an older version wrote it: 1 had no paths, sizes and times of sources; 2 no geoid; 3 no oldest
- * generation, earlier spans and list of generations; 4 no overridden systems and readings; 5 no WKT; 6 no lines. Without
- * segments, one source, no list. */
-static size_t make_old(uint32_t version, const uint8_t *bytes, size_t n, uint8_t *ret)
-{
-	const size_t head = version < 4 ? 40 : 56, from = 60, kind = 1, tail = version < 2 ? 8 + 8 + 2 + 4 : version < 3 ? 4 : 0;
-	const size_t spans = version < 4 ? 2 : 0, read = version < 5 ? 2 + 8 + 2 : 0, all_wkt = 2 + 8,
-		     wkt = version < 6 ? all_wkt : 0, choices = 4, check = 8;
-	size_t at = n - check - all_wkt - choices - kind - read - spans; /* end of the source's path, or of all of it */
-	uint64_t size, sum;
+/* Counts in the head of a file of this version, and the one batch in it. */
+enum { APART_COUNTS = 2 * 4, BATCH = 2 * 4 + 1 + 2 * 8 + 2, HEAD = 60 };
 
-	memcpy(ret, bytes, head);
-	memcpy(ret + head, bytes + from, at - from);
-	at -= from - head;
-	memcpy(ret + at, bytes + n - check - all_wkt - choices, choices + all_wkt);
-	size = at + choices + all_wkt - wkt - tail + check;
+static size_t put(uint8_t *to, size_t at, const void *from, size_t n)
+{
+	memcpy(to + at, from, n);
+	return at + n;
+}
+
+/* The file as an older version wrote it: 1 had no paths, sizes and times of sources; 2 no geoid; 3 no oldest
+ * generation, earlier spans and list of generations; 4 no overridden systems and readings; 5 no WKT; 6 no lines; 8 no batches.
+ * Without segments, one source, no list; `texts` is where the texts of the head end. */
+static size_t make_old(uint32_t version, const uint8_t *bytes, size_t n, size_t texts, uint8_t *ret)
+{
+	static const uint8_t none[2];
+	const size_t tail = n - 8 - (2 + 8) - 4, kind = 1, read = 2 + 8 + 2; /* behind the source */
+	const size_t source = texts + BATCH, end = tail - kind - read;       /* of its path */
+	const uint8_t *batch = bytes + texts;
+	uint64_t size, sum;
+	size_t at;
+
+	at = put(ret, 0, bytes, version < 4 ? 40 : version < 7 ? 56 : HEAD);
+	at = put(ret, at, bytes + HEAD + APART_COUNTS, texts - HEAD - APART_COUNTS);
+	at = put(ret, at, bytes + source, 4);
+	at = put(ret, at, batch + 9, 16); /* added and removed */
+	/* points, hash, name; then size, time, path */
+	at = put(ret, at, bytes + source + 4, end - source - 4 - (version < 2 ? 8 + 8 + 2 : 0));
+	if (version >= 4)
+		at = put(ret, at, none, 2);
+	if (version >= 5)
+		at = put(ret, at, bytes + end, read);
+	if (version >= 7)
+		at = put(ret, at, bytes + tail - kind, kind);
+	if (version >= 3)
+		at = put(ret, at, bytes + tail, 4);
+	if (version >= 6)
+		at = put(ret, at, bytes + tail + 4, 2 + 8);
+	size = at + 8;
 	memcpy(ret + 8, &version, sizeof version);
 	memcpy(ret + 16, &size, sizeof size);
 	sum = XXH3_64bits(ret, size - 8);
 	memcpy(ret + size - 8, &sum, sizeof sum);
 	return size;
+}
+
+/* The end of the texts of the head. */
+static size_t texts_end(const uint8_t *bytes)
+{
+	size_t at = HEAD + APART_COUNTS;
+
+	for (int i = 0; i < 4; i++) {
+		uint16_t n;
+
+		memcpy(&n, bytes + at, 2);
+		at += 2 + n;
+	}
+	return at;
 }
 
 static void old_version(uint32_t version)
@@ -214,7 +250,7 @@ static void old_version(uint32_t version)
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
 	fd = openat(f.fd, "m", O_RDWR);
 	n = (size_t)pread(fd, bytes, sizeof bytes, 0);
-	n = make_old(version, bytes, n, old);
+	n = make_old(version, bytes, n, texts_end(bytes), old);
 	assert_int_equal(pwrite(fd, old, n, 0), n);
 	assert_int_equal(ftruncate(fd, (off_t)n), 0);
 	close(fd);
@@ -238,6 +274,8 @@ static void test_old_versions(void **state)
 	old_version(4);
 	old_version(5);
 	old_version(6);
+	old_version(7);
+	old_version(8);
 }
 
 /* A newer version is rejected by name, whatever else it has. */
@@ -247,7 +285,7 @@ static void test_newer_version(void **state)
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
 	uint8_t bytes[1024];
-	uint32_t version = 9;
+	uint32_t version = 10;
 	uint64_t check;
 	ssize_t n;
 	int fd;
@@ -261,7 +299,7 @@ static void test_newer_version(void **state)
 	assert_int_equal(pwrite(fd, bytes, (size_t)n, 0), n);
 	close(fd);
 	assert_int_equal(grid_manifest_read(f.fd, "m", &back, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "version 9"));
+	assert_non_null(strstr(err.message, "version 10"));
 	free(m.sources);
 	folder_remove(&f);
 }

@@ -101,24 +101,43 @@ static void test_exact(void **state)
 
 /* ---- older manifests ---- */
 
-/* Makes version 7 of a manifest with one segment, the class entries of which end at the range. */
+static uint8_t *put(uint8_t *to, const void *from, size_t n)
+{
+	memcpy(to, from, n);
+	return to + n;
+}
+
+/* Makes version 7 of a manifest with one segment, the class entries of which end at the range, and a source without a path, the
+ * lives of which are in the batch behind the range. */
 static void make_old(const struct folder *f, const struct grid_segment_info *info)
 {
-	uint8_t bytes[4096], *at;
+	static const uint8_t no_lives[2];
+	uint8_t bytes[4096], old[4096];
 	int fd = openat(f->fd, "m", O_RDWR);
 	size_t n = (size_t)pread(fd, bytes, sizeof bytes, 0);
-	uint64_t size = n - 16, check;
+	const uint8_t *range = memmem(bytes, n, &info->lo, sizeof info->lo), *batch = range + 16, *source = batch + 27, *path;
 	uint32_t version = 7;
+	uint16_t name;
+	uint64_t size, check;
+	uint8_t *at;
 
-	at = memmem(bytes, n, &info->lo, sizeof info->lo);
-	assert_non_null(at);
-	assert_memory_equal(at + 8, &info->hi, sizeof info->hi);
-	memmove(at, at + 16, (size_t)(bytes + n - at) - 16);
-	memcpy(bytes + 8, &version, sizeof version);
-	memcpy(bytes + 16, &size, sizeof size);
-	check = XXH3_64bits(bytes, size - 8);
-	memcpy(bytes + size - 8, &check, sizeof check);
-	assert_int_equal(pwrite(fd, bytes, size, 0), size);
+	assert_non_null(range);
+	assert_memory_equal(range + 8, &info->hi, sizeof info->hi);
+	memcpy(&name, source + 28, sizeof name);
+	path = source + 30 + name + 16;
+	at = put(old, bytes, 60);
+	at = put(at, bytes + 68, (size_t)(range - bytes) - 68);
+	at = put(at, source, 4);
+	at = put(at, batch + 9, 16);
+	at = put(at, source + 4, (size_t)(path + 2 - source) - 4);
+	at = put(at, no_lives, 2);
+	at = put(at, path + 2, (size_t)(bytes + n - path) - 2);
+	size = (uint64_t)(at - old);
+	memcpy(old + 8, &version, sizeof version);
+	memcpy(old + 16, &size, sizeof size);
+	check = XXH3_64bits(old, size - 8);
+	memcpy(old + size - 8, &check, sizeof check);
+	assert_int_equal(pwrite(fd, old, size, 0), size);
 	assert_int_equal(ftruncate(fd, (off_t)size), 0);
 	close(fd);
 }

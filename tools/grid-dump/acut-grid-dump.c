@@ -512,6 +512,33 @@ static void dump_run(int dirfd, const char *name)
 	grid_run_close(&run);
 }
 
+/* What is in it is shown with its manifest. */
+static void dump_sources(int fd, int dirfd, const char *name)
+{
+	struct grid_sources_file file = {0};
+	const struct grid_manifest m = {.files = &file, .nfiles = 1};
+	struct err err = ERR_INIT;
+	uint8_t head[24], check[8];
+	struct stat st;
+
+	if (fstat(fd, &st) || st.st_size < 32) {
+		complain(name, 0, "it is too short for a file of sources");
+		return;
+	}
+	if (io_read_at(fd, head, sizeof head, 0, name, &err) ||
+	    io_read_at(fd, check, sizeof check, (uint64_t)st.st_size - sizeof check, name, &err)) {
+		print_err(&err);
+		return;
+	}
+	snprintf(file.name, sizeof file.name, "%s", name);
+	file.bytes = (uint64_t)st.st_size;
+	memcpy(&file.n, head + 12, sizeof file.n);
+	memcpy(&file.check, check, sizeof check);
+	printf("%s: file of sources, %u sources, %llu bytes\n", name, file.n, (unsigned long long)file.bytes);
+	if (grid_sources_verify(dirfd, &m, 0, &err))
+		print_err(&err);
+}
+
 static void dump_file(int dirfd, const char *name, const char *shown)
 {
 	struct err err = ERR_INIT;
@@ -523,12 +550,14 @@ static void dump_file(int dirfd, const char *name, const char *shown)
 		print_err(&err);
 	else if (!memcmp(magic, DISK_MANIFEST_MAGIC, 8))
 		dump_manifest(dirfd, name);
+	else if (!memcmp(magic, DISK_SOURCES_MAGIC, 8))
+		dump_sources(fd, dirfd, name);
 	else if (!memcmp(magic + 8, DISK_SEGMENT_MAGIC, 8))
 		dump_segment(fd, shown);
 	else if (!memcmp(magic + 8, DISK_RUN_MAGIC, 8))
 		dump_run(dirfd, name);
 	else
-		complain(shown, 0, "this is no manifest, segment or sorted run");
+		complain(shown, 0, "this is no manifest, file of sources, segment or sorted run");
 	io_close(fd);
 }
 
@@ -540,7 +569,7 @@ static const struct tool_option OPTIONS[] = {
 static const struct tool TOOL = {
 	.name = "acut-grid-dump",
 	.usage = "usage: acut-grid-dump [--check] [--cells] [--records] FILE...\n",
-	.about = "Shows manifests, segments and sorted runs of the grid cache (format.md).\n",
+	.about = "Shows manifests, files of sources, segments and sorted runs of the grid cache (format.md).\n",
 	.end = "\nExit status: 0 all is good; 1 damage; 2 usage; 74 reading failed.\n",
 	.option = OPTIONS,
 	.n = sizeof OPTIONS / sizeof *OPTIONS,

@@ -97,6 +97,9 @@ void dump_manifest_lists(const struct grid_manifest *m)
 {
 	for (size_t i = 0; i < m->nsegments; i++)
 		print_entry(&m->segments[i]);
+	for (size_t i = 0; i < m->nfiles; i++)
+		printf("  sources %s: %u sources, %llu bytes\n", m->files[i].name, m->files[i].n,
+		       (unsigned long long)m->files[i].bytes);
 	for (size_t i = 0; i < m->nsources; i++)
 		print_source(&m->sources[i]);
 	for (size_t i = 0; i < m->ngenerations; i++)

@@ -16,14 +16,16 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs are written a
 #define DISK_SEGMENT_MAGIC "ACUTSEG1"
 #define DISK_RUN_MAGIC "ACUTRUN1"
 #define DISK_MANIFEST_MAGIC "ACUTMAN1"
+#define DISK_SOURCES_MAGIC "ACUTSRC1"
 #define DISK_STATE_MAGIC "ACUTSTG1"
 #define DISK_PAGE_MAGIC 0x58444941u /* "AIDX" */
 
 enum {
 	DISK_VERSION = 1,
-	DISK_MANIFEST_VERSION = 8, /* all versions are read. 1 had no paths, sizes and times of sources, 2 no geoid, 3 no
+	DISK_MANIFEST_VERSION = 9, /* all versions are read. 1 had no paths, sizes and times of sources, 2 no geoid, 3 no
 				    * generations, 4 no readings and overridden coordinate systems, 5 no WKT, 6 no lines, 7 no
-				    * ranges of keys */
+				    * ranges of keys, 8 no files of sources */
+	DISK_SOURCES_VERSION = 1,
 	DISK_ALIGN = 16,
 	DISK_HEADER = 4096,     /* of a segment */
 	DISK_RUN_VERSION = 2,   /* version 1 has blocks of different sizes; it is read, too */

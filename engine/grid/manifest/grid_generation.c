@@ -9,14 +9,22 @@
 #include "grid_manifest_priv.h"
 #include "order.h"
 
-bool grid_source_live(const struct grid_source *s, uint64_t generation)
+bool grid_batch_live(const struct grid_batch *b, uint64_t generation)
 {
-	if (s->added <= generation)
-		return !s->removed || s->removed > generation;
-	for (size_t i = 0; i < s->nearlier; i++)
-		if (s->earlier[i].added <= generation && s->earlier[i].removed > generation)
+	if (b->added <= generation)
+		return !b->removed || b->removed > generation;
+	for (size_t i = 0; i < b->nearlier; i++)
+		if (b->earlier[i].added <= generation && b->earlier[i].removed > generation)
 			return true;
 	return false;
+}
+
+bool grid_source_live(const struct grid_source *s, uint64_t generation)
+{
+	const struct grid_batch alone = {
+		.added = s->added, .removed = s->removed, .earlier = s->earlier, .nearlier = s->nearlier};
+
+	return grid_batch_live(&alone, generation);
 }
 
 int grid_source_restore(struct grid_source *s, uint64_t generation, struct grid_span *spans, struct err *err)

@@ -1,6 +1,7 @@
 /*
- * Manifests: one file that describes a dataset completely. It names the segments, the sources (the files that were
- * pushed) and the generations, and says in which generations each source counts. format.md describes the bytes.
+ * Manifests: a file that describes a dataset. It names the segments, the sources (the files that were pushed) and the
+ * generations, and says in which generations each source counts. What else is known of sources of points may be in files of their
+ * own, which it names, so that not every generation writes all of it again. format.md describes the bytes.
  */
 #ifndef GRID_MANIFEST_H
 #define GRID_MANIFEST_H
@@ -55,6 +56,9 @@ struct grid_source {
 	uint64_t left_out;              /* lines of a text that have no value for a coordinate */
 	const char *reading;            /* how it was read (format.md); NULL is "": unknown */
 	const struct grid_lines *lines; /* NULL: its kind is GRID_POINTS */
+	/* The check of the file of sources that all of this is in (grid_sources_file), but its lives; 0: none. Who changes it
+	 * sets this to 0. */
+	uint64_t file;
 };
 /* Sizes of these texts, with the zero at the end. */
 enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096, GRID_SOURCE_OVERRIDDEN = 512, GRID_SOURCE_READING = 1024 };
@@ -64,6 +68,25 @@ bool grid_source_live(const struct grid_source *, uint64_t generation);
 /* One that was removed counts again from `generation` on. `spans` has room for nearlier + 1, which become its earlier ones.
  * -ERR_LIMIT: it has as many as a manifest can hold. */
 int grid_source_restore(struct grid_source *, uint64_t generation, struct grid_span *spans, struct err *err);
+
+/* Sources with consecutive numbers, of one kind and with the same lives. */
+struct grid_batch {
+	uint32_t first, n;
+	uint8_t kind;            /* enum grid_source_kind */
+	bool apart;              /* what else is known of them is in files of sources */
+	uint64_t added, removed; /* as of a source, and the next two */
+	const struct grid_span *earlier;
+	size_t nearlier;
+};
+bool grid_batch_live(const struct grid_batch *, uint64_t generation);
+
+/* A file of sources. It never changes. */
+enum { GRID_SOURCES_FILES = 32 }; /* of a manifest, at most */
+struct grid_sources_file {
+	char name[64];
+	uint64_t bytes, check;
+	uint32_t n; /* sources in it */
+};
 
 enum grid_generation_kind {
 	GRID_PUSH = 1,
@@ -109,12 +132,21 @@ struct grid_manifest {
 	size_t nsegments;
 	struct grid_source *sources;
 	size_t nsources;
+	/* They may be of an older manifest: sources in other files than these are written again. */
+	struct grid_sources_file *files;
+	size_t nfiles;
 	/* Ascending by number. Some may be missing: the manifest of a selection has none. For a manifest before version 4
 	 * they are derived from its sources, as pushes of unknown times and users. */
 	struct grid_generation *generations;
 	size_t ngenerations;
-	/* Only in a manifest that was read: memory of its texts and spans, and what it charges to LEDGER_MANIFEST. */
-	char *texts;
+	/* Only in a manifest that was read, up to the end. All sources in their order; how many these are; whether `sources` has
+	 * only those that are not in files of sources. */
+	struct grid_batch *batches;
+	size_t nbatches;
+	uint64_t nall;
+	bool bare;
+	/* Memory of its texts (those of files of sources: names) and spans, and what it charges to LEDGER_MANIFEST. */
+	char *texts, *names;
 	size_t texts_bytes;
 	struct grid_span *spans;
 	size_t nspans;
@@ -124,22 +156,48 @@ struct grid_manifest {
 	uint64_t charged;
 };
 
+/* With all sources in the manifest itself. */
 int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *, struct err *err);
+/* With files of sources: those of m->files that have no source which is gone, and a new one if more than grid_sources_here
+ * sources of points are in none. Then it also takes in older files, so that there are few. */
+struct grid_apart {
+	const char *name; /* of the new file in the manifest */
+	const char *as;   /* the name that it gets now; the caller gives it the other one. NULL: the same */
+	bool made;        /* there is a new file */
+	/* Of m->files: not named any more. */
+	char dropped[GRID_SOURCES_FILES][64];
+	unsigned ndropped;
+};
+extern unsigned grid_sources_here; /* tests set less */
+int grid_manifest_write_apart(int dirfd, const char *name, struct grid_apart *, const struct grid_manifest *m, struct err *err);
 int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err);
 /* The same; its memory is charged to `ledger` (LEDGER_MANIFEST; may be NULL) before the file is read, until it is
  * freed. -ERR_BUSY: the memory is not free now; -ERR_LIMIT: it is more than half of the total. */
 int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
+/* The same without files of sources: of those in it, only the batches are known. For who needs no names, sizes and points of
+ * sources. */
+int grid_manifest_load_bare(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
+/* Then reads these files, too; pointers to sources are no longer valid. */
+int grid_manifest_complete(int dirfd, struct grid_manifest *, struct err *err);
+/* Reads one of them, and checks it. */
+int grid_sources_verify(int dirfd, const struct grid_manifest *, size_t file, struct err *err);
 struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+/* All sources of a manifest, also of one that was not read, as batches ascending by number; to be freed. NULL: no memory. */
+struct grid_batch *grid_batches_sorted(const struct grid_manifest *, size_t *ret_n);
+uint64_t grid_manifest_all(const struct grid_manifest *); /* how many sources these are */
+/* Of these. NULL: there is no such source. */
+const struct grid_batch *grid_batches_find(const struct grid_batch *, size_t n, uint32_t source);
 /* A file that a manifest names, in its folder. */
 struct grid_named {
 	char name[64];
 	uint64_t bytes;
-	const struct grid_source *source; /* NULL: a segment */
+	const struct grid_source *source; /* NULL: a segment, or of_sources */
+	bool of_sources;                  /* it is a file of sources */
 };
 enum { GRID_SOURCE_FILES = 2 };
 /* The files of a source beside its records in segments, at most GRID_SOURCE_FILES. */
 size_t grid_source_files(const struct grid_source *, struct grid_named ret[GRID_SOURCE_FILES]);
-/* All files, the segments first. `at` is zero at the beginning. False: there are no more. */
+/* All files, the segments first, whether it is bare or not. `at` is zero at the beginning. False: there are no more. */
 struct grid_named_at {
 	size_t i;
 	unsigned of;

@@ -68,7 +68,7 @@ static const char *lines_fault(const struct grid_source *s)
 												   NULL;
 }
 
-static const char *source_fault(const struct grid_manifest *m, const struct grid_source *s)
+const char *manifest_source_fault(const struct grid_manifest *m, const struct grid_source *s)
 {
 	if (!s->id)
 		return "a source has the number 0";
@@ -157,7 +157,7 @@ const char *grid_manifest_check(const struct grid_manifest *m, bool *ret_nomem)
 	for (size_t i = 0; !fault && i < m->nsegments; i++)
 		fault = segment_fault(&m->segments[i]);
 	for (size_t i = 0; !fault && i < m->nsources; i++)
-		fault = source_fault(m, &m->sources[i]);
+		fault = manifest_source_fault(m, &m->sources[i]);
 	for (size_t i = 0; !fault && i < m->ngenerations; i++)
 		fault = generation_fault(m, i);
 	for (size_t i = 0; i < m->nsources; i++)

@@ -36,8 +36,16 @@ bool grid_manifest_next_file(const struct grid_manifest *m, struct grid_named_at
 		memcpy(ret->name, s->file, sizeof ret->name);
 		return true;
 	}
-	for (; at->i - m->nsegments < m->nsources; at->i++, at->of = 0) {
-		size_t n = grid_source_files(&m->sources[at->i - m->nsegments], of);
+	if (at->i - m->nsegments < m->nfiles) {
+		const struct grid_sources_file *f = &m->files[at->i++ - m->nsegments];
+
+		*ret = (struct grid_named){.bytes = f->bytes, .of_sources = true};
+		memcpy(ret->name, f->name, sizeof ret->name);
+		return true;
+	}
+	/* Sources in these files have none of their own. */
+	for (; at->i - m->nsegments - m->nfiles < m->nsources; at->i++, at->of = 0) {
+		size_t n = grid_source_files(&m->sources[at->i - m->nsegments - m->nfiles], of);
 
 		if (at->of == n)
 			continue;

@@ -211,7 +211,7 @@ uint64_t value_of(struct work *w, enum work_phase phase, uint32_t task, const ch
 struct content content_of(struct work *w)
 {
 	struct content c = {.points = 0};
-	const struct grid_manifest *m;
+	struct grid_manifest *m;
 	struct grid *g;
 	struct err err = ERR_INIT;
 	struct dirent *e;
@@ -221,7 +221,7 @@ struct content content_of(struct work *w)
 
 	check(io_open(work_fd(w), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY, 0, &fd, &err), &err);
 	check(grid_open(fd, "manifest", GRID_NEWEST, NULL, 1 << 20, &g, &err), &err);
-	m = grid_manifest(g);
+	check(grid_manifest_read(fd, "manifest", &m, &err), &err);
 	c.digest = grid_content(g);
 	c.points = grid_points(g);
 	c.sources = m->nsources;
@@ -243,7 +243,10 @@ struct content content_of(struct work *w)
 	dir = fdopendir(fd);
 	while ((e = readdir(dir)))
 		files += *e->d_name != '.';
-	assert_int_equal(files, 1 + m->nsegments);
+	assert_int_equal(files, 1 + m->nsegments + m->nfiles);
+	assert_int_equal(m->nfiles, 1);
+	assert_string_equal(m->files[0].name, "sources");
+	grid_manifest_free(m);
 	grid_close(g);
 	closedir(dir);
 	return c;
@@ -264,6 +267,7 @@ int setup(void **state)
 {
 	memset(&told, 0, sizeof told);
 	no_sync();
+	grid_sources_here = 0; /* every commit makes a file of sources */
 	strcpy(survey_top, "/tmp/acut-survey-XXXXXX");
 	return mkdtemp(survey_top) ? 0 : -1;
 }
