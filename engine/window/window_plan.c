@@ -14,8 +14,8 @@
 #include "window_area.h"
 
 enum { STACK = 72, WASTE = 4 };
-/* Positions of a piece that is worth a thread of its own. */
-enum { SHARE_LEAST = 1 << 14 };
+/* Positions of a piece that is worth a thread of its own; with so many, what is read around it no longer counts. */
+enum { SHARE_LEAST = 1 << 14, SHARE_WIDE = 1 << 17 };
 
 struct part {
 	struct cut_leaf leaf;
@@ -86,13 +86,29 @@ static int halve(const struct cut_source *src, const struct view *view, const in
 	return 0;
 }
 
-/* The most positions of a piece, for which a quarter of the arena is left for the points read around it. */
+static uint64_t smaller(uint64_t a, uint64_t b)
+{
+	return a < b ? a : b;
+}
+
+static uint64_t larger(uint64_t a, uint64_t b)
+{
+	return a > b ? a : b;
+}
+
+/*
+ * The most positions of a piece, for which a quarter of the arena is left for the points read around it. Halves differ in size,
+ * and to halve the larger one costs more than it gains if the window is small: what is read twice is a greater part. A large
+ * window has several pieces a thread.
+ */
 static uint64_t piece_most(uint64_t all, uint32_t cap, unsigned pieces)
 {
-	uint64_t most = cap - cap / 4, share = all / (pieces ? pieces : 1);
+	uint64_t fits = cap - cap / 4;
 
-	share = share > SHARE_LEAST ? share : SHARE_LEAST;
-	return pieces > 1 && share < most ? share : most;
+	if (pieces < 2)
+		return fits;
+	all = smaller(2 * all / (pieces + 1), larger(all / (4 * pieces), SHARE_WIDE));
+	return smaller(larger(all, SHARE_LEAST), fits);
 }
 
 int window_plan_from(const struct cut_source *src, const struct view *view, uint32_t cap, unsigned pieces, struct cut_plan *ret,
