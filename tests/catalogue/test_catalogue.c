@@ -245,7 +245,8 @@ static void lose_row(void)
 	close(fd);
 }
 
-/* A row on a damaged page would be taken for absent. The pages are checked while rows are read, and the reading ends with that. */
+/* A row on a damaged page would be taken for absent. The pages are checked while rows are read, and the reading ends with that.
+ */
 static void hidden_row(void **state)
 {
 	enum { ROWS = 400 };
