@@ -46,8 +46,10 @@ int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **re
 		r = err_sys(err, errno, "cannot make an eventfd");
 	else
 		r = c->path ? charge_heap(c, err) : err_set(err, ERR_NOMEM, "no memory for the catalogue");
+	c->starting = true;
 	if (!r)
 		r = catalogue_open(c, path, err);
+	c->starting = false;
 	if (r) {
 		err_add_file(err, path);
 		catalogue_free(c);
@@ -72,9 +74,13 @@ static void discard_queued(struct catalogue *c)
 
 struct catalogue *catalogue_free(struct catalogue *c)
 {
+	struct err ignored = ERR_INIT;
+
 	THREAD_LOOP_ONLY();
 	if (!c)
 		return NULL;
+	if (c->check)
+		catalogue_check_end(c, &ignored);
 	if (c->started) {
 		lock_take(&c->lock);
 		c->stop = true;

@@ -137,8 +137,11 @@ static int read_all(struct catalogue *c, const char *table, const char *sql,
 			r = catalogue_sum_check(column, (unsigned)n, table, err);
 		if (!r)
 			r = row(column, to, err);
-		if (++rows % ROWS_STEP == 0)
-			progress_step();
+		if (++rows % ROWS_STEP)
+			continue;
+		progress_step();
+		if (catalogue_check_failed(c))
+			break;
 	}
 	sqlite3_finalize(s);
 	return r;
@@ -147,7 +150,8 @@ static int read_all(struct catalogue *c, const char *table, const char *sql,
 int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint64_t ret_last[3], struct err *err)
 {
 	struct catalogue_reader last = {.ctx = ret_last};
-	int r;
+	struct err why = ERR_INIT;
+	int r, s;
 
 	THREAD_LOOP_ONLY();
 	ret_last[0] = ret_last[1] = ret_last[2] = 0;
@@ -158,5 +162,11 @@ int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint6
 		r = read_all(c, "job", catalogue_sql_jobs, read_job, to, err);
 	if (!r)
 		r = read_all(c, "push", catalogue_sql_pushes, read_push, to, err);
-	return r;
+	/* A row cannot be read, or seems to be damaged, because its page is. */
+	s = catalogue_check_end(c, &why);
+	if (!s)
+		return r;
+	*err = why;
+	err_add_file(err, c->path);
+	return s;
 }

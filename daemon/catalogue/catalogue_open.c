@@ -74,25 +74,6 @@ static int user_version(struct catalogue *c, int *ret, struct err *err)
 	return 0;
 }
 
-/* Finds pages with inconsistent cells: rows on them would not be found, and be taken for absent. */
-static int check_pages(struct catalogue *c, struct err *err)
-{
-	const char *answer = "";
-	sqlite3_stmt *s;
-	int r = 0;
-
-	if (sqlite3_prepare_v2(c->db, "PRAGMA quick_check(1)", -1, &s, NULL) != SQLITE_OK || sqlite3_step(s) != SQLITE_ROW)
-		r = catalogue_failed(c, err, "the catalogue cannot be read");
-	else
-		answer = (const char *)sqlite3_column_text(s, 0);
-	if (!r && (!answer || strcmp(answer, "ok"))) {
-		err_set(err, ERR_CORRUPT, "the catalogue is damaged: %.200s", answer ? answer : "");
-		r = err_add_hint(err, "take the state from a backup");
-	}
-	sqlite3_finalize(s);
-	return r;
-}
-
 static int convert(struct catalogue *c, int version, struct err *err)
 {
 	int r = 0;
@@ -131,6 +112,7 @@ static int on_instructions(void *ctx)
 int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 {
 	int r, version = 0;
+	bool beside;
 
 	/* Cached pages are released before the heap is full; statements and texts of one change need far less than the rest. */
 	sqlite3_soft_heap_limit64(CATALOGUE_HEAP - (CATALOGUE_HEAP >> 2));
@@ -150,8 +132,9 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 		return err_add_hint(err, "use that acutd, or another state folder (--state; of private daemons XDG_STATE_HOME)");
 	}
 	r = catalogue_run(c, catalogue_sql_setup, err);
-	if (!r && version)
-		r = check_pages(c, err);
+	beside = c->starting && version == CATALOGUE_VERSION;
+	if (!r && version && !beside)
+		r = catalogue_check_pages(c, err);
 	if (!r)
 		r = convert(c, version, err);
 	/* Whatever an earlier fsync did, what is read from here on is durable. */
@@ -159,6 +142,8 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 		r = catalogue_run(c, "PRAGMA wal_checkpoint(TRUNCATE)", err);
 	if (!r)
 		sqlite3_wal_hook(c->db, on_wal, c);
+	if (!r && beside)
+		catalogue_check_begin(c);
 	for (int i = 0; !r && i < CATALOGUE_SQLS; i++)
 		if (sqlite3_prepare_v3(c->db, catalogue_sql_text[i], -1, SQLITE_PREPARE_PERSISTENT, &c->stmt[i], NULL) !=
 		    SQLITE_OK)

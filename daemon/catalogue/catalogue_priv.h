@@ -48,6 +48,9 @@ struct catalogue {
 	struct ledger *ledger;
 	bool heap; /* it is charged */
 	bool started, stop, writing;
+	bool starting;                 /* it is opened for the first time */
+	struct catalogue_check *check; /* the pages are being checked; NULL: not beside the reading */
+	bool check_due;                /* before catalogue_load returns */
 	struct change *queued, **queued_end, *ended, **ended_end;
 	unsigned busy;
 	int event;
@@ -66,6 +69,14 @@ enum err_code catalogue_err_code(int sqlite_code);
 int catalogue_failed(struct catalogue *, struct err *err, const char *what);
 int catalogue_verify(struct catalogue *, struct err *err); /* -ERR_CORRUPT, with the first finding */
 int catalogue_run(struct catalogue *, const char *sql, struct err *err);
+
+/* catalogue_check.c */
+/* Finds pages with inconsistent cells: rows on them would not be found, and be taken for absent. -ERR_CORRUPT. */
+int catalogue_check_pages(struct catalogue *, struct err *err);
+void catalogue_check_begin(struct catalogue *);        /* on a thread, if there can be one */
+bool catalogue_check_failed(const struct catalogue *); /* it has found something, or could not read */
+/* Waits for it. After catalogue_check_begin; otherwise 0. */
+int catalogue_check_end(struct catalogue *, struct err *err);
 
 /* catalogue_sum.c: the checksum in the last column of a row, of the values before it. */
 int64_t catalogue_sum(const struct value *, unsigned n);

@@ -10,11 +10,11 @@
 void run_area_id(const struct run *w, struct digest *id)
 {
 	const struct grid_manifest *m = grid_manifest(w->grid);
-	const uint32_t budget[2] = {w->budget.load, w->budget.cap};
+	/* A window that was fetched of a job has no kept plan: the number of threads decides its pieces. */
+	const uint32_t budget[3] = {w->budget.load, w->budget.cap, w->file ? 0 : w->budget.threads};
 
 	if (!w->view.window)
 		return;
-	/* A window that was fetched of a job has no kept plan. */
 	digest_add(id, digest_hash(budget, sizeof budget));
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const uint64_t segment[4] = {i, m->segments[i].points, m->segments[i].sum.hi, m->segments[i].sum.lo};

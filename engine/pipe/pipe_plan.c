@@ -14,7 +14,10 @@
 static int make_leaves(struct grid_reader *reader, const struct view *view, const struct pipe_budget *budget, bool flat,
 		       struct cut_plan *plan, struct err *err)
 {
-	int r = view->window ? window_plan(reader, view, budget->cap, plan, err) : cut_plan_make(reader, budget->load, plan, err);
+	/* With weights the parts of a piece may load nearly as much as all of it. */
+	unsigned pieces = view->nweight ? 1 : budget->threads;
+	int r = view->window ? window_plan(reader, view, budget->cap, pieces, plan, err) :
+			       cut_plan_make(reader, budget->load, plan, err);
 
 	if (!r && flat)
 		cut_plan_make_flat(plan);

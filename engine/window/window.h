@@ -18,8 +18,9 @@ struct err;
 uint32_t window_cap(uint32_t cap);
 /* The same for a window of a grid, which may have lines. */
 uint32_t window_cap_of(const struct grid *, uint32_t arena_cap);
-/* The pieces of the window that fit an arena for `cap` positions each. */
-int window_plan(struct grid_reader *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
+/* The pieces of the window that fit an arena for `cap` positions each; about so many as `pieces`, or more, if they are worth it.
+ */
+int window_plan(struct grid_reader *, const struct view *, uint32_t cap, unsigned pieces, struct cut_plan *ret, struct err *err);
 /* Shrinks a region to the part that has its piece of the window. */
 void window_tighten(const struct grid *, const struct view *, struct cut_region *);
 

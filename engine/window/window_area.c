@@ -109,6 +109,8 @@ static int read_first(struct window_area *a, bool *ret_flat, struct err *err)
 	int r = window_area_begin(a, err);
 
 	a->base = a->npts;
+	if (!r && a->npts)
+		r = window_area_around(a, err);
 	for (uint32_t n = NEAREST_FIRST; !r && !window_area_build(a); n = 2 * n < WINDOW_PICK ? 2 * n : WINDOW_PICK) {
 		if (is_crowded(a, a->npts)) {
 			r = window_area_apex(a, err);

@@ -54,6 +54,7 @@ struct window_area {
 	bool built;          /* tri has triangles, and points are inserted into them */
 	struct point *pts;   /* until then: the points, in the arena */
 	uint32_t npts, base; /* base: points of the cells that meet the piece */
+	double spacing;      /* of these points, about */
 	bool unsorted;
 	bool sift;        /* only points inside a disc are taken from a cell, and the cell counts as not read */
 	bool thorough;    /* cells give few points: all cells that meet a disc are read, not only the nearest */
@@ -99,11 +100,13 @@ int window_domain_from(const struct window_from *, const int64_t k[3], struct me
 		       struct err *err);
 /* window_domain_from with weights (window_regular.c). */
 int window_regular(const struct window_from *, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
-int window_plan_from(const struct cut_source *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
+int window_plan_from(const struct cut_source *, const struct view *, uint32_t cap, unsigned pieces, struct cut_plan *ret,
+		     struct err *err);
 
 /* window_area_cells.c: reading. WINDOW_E_SPLIT: the points do not fit. */
 bool window_area_has_read(const struct window_area *, const struct grid_cell *); /* the cell was read */
 int window_area_begin(struct window_area *, struct err *err);       /* reads the cells that meet the piece into pts */
+int window_area_around(struct window_area *, struct err *err);      /* reads those next to them, as long as there is room */
 int window_area_read_picked(struct window_area *, struct err *err); /* reads the cells of pick */
 int window_area_pick_nearest(struct window_area *, uint32_t n, struct err *err); /* picks the n nearest the piece */
 /* Adds up to three points from anywhere, so that pts is not collinear; their cells count as not read. */

@@ -12,6 +12,11 @@
 #include "geom.h"
 #include "window_area.h"
 
+/* Cells within so many spacings of points around the piece are read at once, before there are triangles. Most of them would be
+ * read anyway. Without them a side of the piece that lies between cells, as one between two pieces does, is a side of the hull,
+ * whose thin triangles have circles that meet cells far away. */
+#define AROUND 3.0
+
 /* ---- the table ---- */
 
 static struct window_seen *find_seen(const struct window_area *a, const struct grid_cell *cell)
@@ -81,6 +86,8 @@ struct begin {
 	struct window_area *a;
 	struct err *err;
 	bool full;
+	double ground; /* of the boxes of all these cells */
+	uint64_t records;
 };
 
 static bool begin_enter(void *ctx, const struct grid_cell *subtree)
@@ -98,6 +105,8 @@ static int begin_cell(void *ctx, const struct grid_cell *cell)
 	if (cell->count == 0 || !window_piece_meets_box(&b->a->window, cell->box))
 		return 0;
 	b->a->waiting += cell->distinct < cell->count ? cell->distinct : cell->count;
+	b->ground += ((double)cell->box[2] - cell->box[0]) * ((double)cell->box[3] - cell->box[1]);
+	b->records += cell->count;
 	if (b->full)
 		return 0;
 	r = read_cell(b->a, cell, b->err);
@@ -113,7 +122,56 @@ int window_area_begin(struct window_area *a, struct err *err)
 
 	a->waiting = 0;
 	r = a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
+	a->spacing = b.records ? sqrt(b.ground / (double)b.records) : 0;
 	return r ? r : b.full ? WINDOW_E_SPLIT : 0;
+}
+
+/* The box, larger on all sides. */
+static void widen(const int32_t box[4], int64_t by, int32_t ret[4])
+{
+	for (unsigned i = 0; i < 4; i++) {
+		int64_t v = i < 2 ? box[i] - by : box[i] + by;
+
+		ret[i] = (int32_t)(v < INT32_MIN ? INT32_MIN : v > INT32_MAX ? INT32_MAX : v);
+	}
+}
+
+static bool is_close(const struct window_area *a, const int32_t box[4])
+{
+	int32_t wide[4];
+
+	widen(box, (int64_t)ceil(AROUND * a->spacing), wide);
+	return window_piece_meets_box(&a->window, wide);
+}
+
+static bool around_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return subtree->count > 0 && is_close(((struct begin *)ctx)->a, subtree->box);
+}
+
+static int around_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct begin *b = ctx;
+	struct window_area *a = b->a;
+	struct window_seen *seen;
+
+	/* Points that the kernel would have to sort out by discs may need the room more. */
+	if (a->npts + (uint64_t)cell->count > a->base + (uint64_t)(a->cap - a->base) / 4 || window_area_full(a))
+		return 0;
+	if (window_area_has_read(a, cell) || !is_close(a, cell->box))
+		return 0;
+	seen = find_seen(a, cell);
+	*seen = (struct window_seen){cell->place, cell->segment, 1};
+	a->nseen++;
+	return read_cell(a, cell, b->err);
+}
+
+int window_area_around(struct window_area *a, struct err *err)
+{
+	struct begin b = {.a = a, .err = err};
+	const struct grid_visitor v = {.ctx = &b, .enter = around_enter, .cell = around_cell};
+
+	return a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
 }
 
 /* ---- others ---- */

@@ -316,12 +316,12 @@ static int batch_cell(void *ctx, const struct grid_cell *cell)
 		struct window_disc *d = &a->disc[i];
 		double far;
 
-		if (!disc_meets(d, cell->box))
-			continue;
 		far = window_area_distance(cell->box, d->at);
+		if ((!a->thorough && far >= d->best) || !disc_meets(d, cell->box))
+			continue;
 		if (a->thorough) {
 			window_area_pick(a, a->round, far, cell);
-		} else if (far < d->best) {
+		} else {
 			d->best = far;
 			d->cell = *cell;
 		}

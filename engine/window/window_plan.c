@@ -4,6 +4,9 @@
  * gives the need of a piece: the positions of all cells that meet it. Halving may not reduce the need, where many
  * segments have large cells: the halves together then read many times what the whole does. Such a piece is not halved
  * here, but when it is found not to fit.
+ *
+ * A window that would fit one arena is divided further, so that all threads have work. What is read around each piece is
+ * read once more then, so pieces get no smaller than that pays.
  */
 #include <math.h>
 #include <string.h>
@@ -11,6 +14,8 @@
 #include "window_area.h"
 
 enum { STACK = 72, WASTE = 4 };
+/* Positions of a piece that is worth a thread of its own; with so many, what is read around it no longer counts. */
+enum { SHARE_LEAST = 1 << 14, SHARE_WIDE = 1 << 17 };
 
 struct part {
 	struct cut_leaf leaf;
@@ -81,7 +86,33 @@ static int halve(const struct cut_source *src, const struct view *view, const in
 	return 0;
 }
 
-int window_plan_from(const struct cut_source *src, const struct view *view, uint32_t cap, struct cut_plan *ret, struct err *err)
+static uint64_t smaller(uint64_t a, uint64_t b)
+{
+	return a < b ? a : b;
+}
+
+static uint64_t larger(uint64_t a, uint64_t b)
+{
+	return a > b ? a : b;
+}
+
+/*
+ * The most positions of a piece, for which a quarter of the arena is left for the points read around it. Halves differ in size,
+ * and to halve the larger one costs more than it gains if the window is small: what is read twice is a greater part. A large
+ * window has several pieces a thread.
+ */
+static uint64_t piece_most(uint64_t all, uint32_t cap, unsigned pieces)
+{
+	uint64_t fits = cap - cap / 4;
+
+	if (pieces < 2)
+		return fits;
+	all = smaller(2 * all / (pieces + 1), larger(all / (4 * pieces), SHARE_WIDE));
+	return smaller(larger(all, SHARE_LEAST), fits);
+}
+
+int window_plan_from(const struct cut_source *src, const struct view *view, uint32_t cap, unsigned pieces, struct cut_plan *ret,
+		     struct err *err)
 {
 	const struct cut_region plane = window_piece_plane();
 	struct cut_plan plan = {.ledger = src->ledger};
@@ -90,17 +121,18 @@ int window_plan_from(const struct cut_source *src, const struct view *view, uint
 	int32_t data[4];
 	unsigned n = 0;
 	bool any = false;
+	uint64_t most;
 	int r = 0;
 
 	stack[0] = (struct part){0};
 	if (src->box(src->ctx, data))
 		r = leaf_of(src, view, data, &plane, &stack[0].leaf, &any, err);
 	n = any;
+	most = piece_most(stack[0].leaf.count, cap, pieces);
 	while (n > 0 && !r) {
 		struct part part = stack[--n];
 
-		/* A quarter of the arena is for the points read around the piece. */
-		if (part.leaf.count > cap - cap / 4 && part.waste < WASTE && cut_region_split(&part.leaf.region, half)) {
+		if (part.leaf.count > most && part.waste < WASTE && cut_region_split(&part.leaf.region, half)) {
 			r = halve(src, view, data, &part, half, stack, &n, err);
 			continue;
 		}
@@ -115,12 +147,13 @@ int window_plan_from(const struct cut_source *src, const struct view *view, uint
 	return r;
 }
 
-int window_plan(struct grid_reader *reader, const struct view *view, uint32_t cap, struct cut_plan *ret, struct err *err)
+int window_plan(struct grid_reader *reader, const struct view *view, uint32_t cap, unsigned pieces, struct cut_plan *ret,
+		struct err *err)
 {
 	struct cut_source src;
 
 	cut_source_grid(reader, &src);
-	return window_plan_from(&src, view, window_cap_of(grid_reader_grid(reader), cap), ret, err);
+	return window_plan_from(&src, view, window_cap_of(grid_reader_grid(reader), cap), pieces, ret, err);
 }
 
 void window_tighten(const struct grid *grid, const struct view *view, struct cut_region *region)

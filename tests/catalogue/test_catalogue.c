@@ -226,6 +226,56 @@ static void damage_is_found(void **state)
 	catalogue_free(c);
 }
 
+/* A page of pushes loses its last row, and nothing else tells. */
+static void lose_row(void)
+{
+	enum { PAGE = 4096, LEAF = 13 };
+	int fd = open(path, O_RDWR);
+	uint8_t head[8];
+	off_t at = 0;
+
+	assert_true(fd >= 0);
+	for (off_t page = PAGE; pread(fd, head, sizeof head, page) == sizeof head; page += PAGE)
+		if (head[0] == LEAF && head[3] * 256 + head[4] > 50)
+			at = page;
+	assert_true(at > 0);
+	assert_int_equal(pread(fd, head, sizeof head, at), sizeof head);
+	head[4]--;
+	assert_int_equal(pwrite(fd, head, sizeof head, at), sizeof head);
+	close(fd);
+}
+
+/* A row on a damaged page would be taken for absent. The pages are checked while rows are read, and the reading ends with that.
+ */
+static void hidden_row(void **state)
+{
+	enum { ROWS = 400 };
+	struct catalogue_reader reader = {.dataset = see_dataset, .job = see_job, .push = see_push};
+	struct catalogue_push push = {.dataset = 7, .uid = 1000};
+	struct err err = ERR_INIT;
+	struct seen seen;
+	uint64_t last[3];
+	struct catalogue *c = reopen(NULL, &seen, last);
+
+	for (push.id = 1; push.id <= ROWS; push.id++)
+		assert_int_equal(catalogue_put_push(c, &push, NULL, NULL, &err), 0);
+	catalogue_free(reopen(c, &seen, last));
+	assert_int_equal(seen.pushes, ROWS);
+	lose_row();
+	seen = (struct seen){0};
+	reader.ctx = &seen;
+	assert_int_equal(catalogue_new(path, NULL, &c, &err), 0);
+	assert_int_equal(catalogue_load(c, &reader, last, &err), -ERR_CORRUPT);
+	assert_true(seen.pushes < ROWS);
+	assert_non_null(strstr(err.message, "the catalogue is damaged"));
+	assert_non_null(strstr(err.hint, "backup"));
+	assert_string_equal(err.file, path);
+	catalogue_free(c);
+	/* Of a start that ends before it has read the rows. */
+	assert_int_equal(catalogue_new(path, NULL, &c, &err), 0);
+	catalogue_free(c);
+}
+
 static void newer_and_broken(void **state)
 {
 	struct err err = ERR_INIT;
@@ -420,6 +470,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(sync_fails, setup, teardown),
 		cmocka_unit_test_setup_teardown(disk_stays_broken, setup, teardown),
 		cmocka_unit_test_setup_teardown(damage_is_found, setup, teardown),
+		cmocka_unit_test_setup_teardown(hidden_row, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

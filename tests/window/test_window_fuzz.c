@@ -327,7 +327,7 @@ static void by_plan(uint64_t *seed, const struct cut_source *src, uint32_t cap)
 	struct err err = ERR_INIT;
 	struct cut_plan plan;
 
-	assert_int_equal(window_plan_from(src, &view, cap, &plan, &err), 0);
+	assert_int_equal(window_plan_from(src, &view, cap, (unsigned)sets_below(seed, 9), &plan, &err), 0);
 	for (size_t i = 0; i < plan.n; i++)
 		piece(seed, src, &plan.leaf[i].region, 0, cap);
 	cut_plan_done(&plan);

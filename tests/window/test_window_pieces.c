@@ -1,0 +1,161 @@
+/*
+ * The pieces of one window for several threads: a square of a survey whose cells it cuts, divided. There are enough pieces, none
+ * is much larger than its share, together they have the triangles of one piece, and each is done after a few rounds: a side
+ * between cells has no more to read than one through the middle of cells.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "random.h"
+#include "window_area.h"
+
+/* CELLS: on each axis, of 2^BITS a side. */
+enum { CELLS = 24, BITS = 10, EACH = 1000, CAP = 1 << 19, WALKS = 4 };
+
+static struct view view = {.window = VIEW_CROP_BOX, .window_box = {4500, 4500, 19500, 19500}};
+static struct point records[CELLS][CELLS][EACH];
+static struct grid_cell cell[CELLS][CELLS];
+static unsigned walks;
+
+static int by_place(const void *a, const void *b)
+{
+	return point_compare(a, b);
+}
+
+static void make_cell(unsigned cx, unsigned cy)
+{
+	uint64_t seed = 1 + cx * 1000 + cy;
+	struct grid_cell *c = &cell[cy][cx];
+	struct point *p = records[cy][cx];
+
+	*c = (struct grid_cell){.count = EACH, .distinct = EACH, .place = cy * CELLS + cx};
+	for (unsigned i = 0; i < EACH; i++) {
+		uint64_t r = random_next(&seed);
+
+		p[i] = (struct point){.x = (int32_t)((cx << BITS) + (r & 1023)), .y = (int32_t)((cy << BITS) + (r >> 20 & 1023))};
+		for (unsigned k = 0; k < 2; k++) {
+			int32_t v = k ? p[i].y : p[i].x;
+
+			c->box[k] = i && c->box[k] < v ? c->box[k] : v;
+			c->box[2 + k] = i && c->box[2 + k] > v ? c->box[2 + k] : v;
+		}
+	}
+	qsort(p, EACH, sizeof *p, by_place);
+}
+
+static int walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *v, struct err *err)
+{
+	int r = 0;
+
+	walks++;
+	for (unsigned i = 0; i < CELLS * CELLS && !r; i++)
+		r = v->cell(v->ctx, &cell[i / CELLS][i % CELLS]);
+	return r;
+}
+
+static int read_records(void *ctx, const struct grid_cell *c, grid_points_fn fn, void *sink, struct err *err)
+{
+	return fn(sink, records[c->place / CELLS][c->place % CELLS], EACH, err);
+}
+
+static bool box(void *ctx, int32_t ret[4])
+{
+	const int32_t all[4] = {0, 0, (CELLS << BITS) - 1, (CELLS << BITS) - 1};
+
+	memcpy(ret, all, sizeof all);
+	return true;
+}
+
+static const struct cut_source src = {.walk = walk, .read = read_records, .box = box};
+
+struct sum {
+	struct digest digest;
+	uint64_t triangles, cells;
+};
+
+/* The triangles of all pieces of a plan. */
+static struct sum mesh(const struct cut_plan *plan)
+{
+	void *memory = aligned_alloc(64, (tri_bytes(CAP) + window_area_tables(CAP) + 127) & ~(size_t)63);
+	struct sum sum = {.triangles = 0};
+	const int64_t k[3] = {0, 0, 0};
+
+	assert_non_null(memory);
+	for (size_t i = 0; i < plan->n; i++) {
+		const struct window_from from = {.src = &src,
+						 .view = &view,
+						 .region = &plan->leaf[i].region,
+						 .cap = CAP,
+						 .memory = memory,
+						 .room = tri_bytes(CAP)};
+		struct err err = ERR_INIT;
+		struct mesh_domain d;
+		uint64_t need;
+
+		walks = 0;
+		assert_int_equal(window_domain_from(&from, k, &d, &need, &err), 0);
+		assert_in_range(walks, 1, WALKS);
+		digest_add(&sum.digest, d.digest);
+		sum.triangles += d.ntriangle;
+		sum.cells += d.counts.cells_read;
+	}
+	free(memory);
+	return sum;
+}
+
+static void divides(void **state)
+{
+	struct cut_plan one, plan;
+	struct err err = ERR_INIT;
+	struct sum whole, parts;
+
+	(void)state;
+	assert_int_equal(window_plan_from(&src, &view, CAP, 1, &one, &err), 0);
+	assert_int_equal(one.n, 1);
+	whole = mesh(&one);
+	assert_in_range(whole.triangles, 400000, 500000);
+	for (unsigned pieces = 2; pieces <= 8; pieces *= 2) {
+		uint64_t most = 0;
+
+		assert_int_equal(window_plan_from(&src, &view, CAP, pieces, &plan, &err), 0);
+		assert_in_range(plan.n, pieces / 2 + 1, 2 * pieces + 2);
+		for (size_t i = 0; i < plan.n; i++)
+			most = plan.leaf[i].count > most ? plan.leaf[i].count : most;
+		assert_in_range(most, 1, 2 * one.leaf[0].count / (pieces + 1));
+		parts = mesh(&plan);
+		assert_true(digest_equal(parts.digest, whole.digest));
+		assert_int_equal(parts.triangles, whole.triangles);
+		assert_in_range(parts.cells, whole.cells, 3 * whole.cells);
+		cut_plan_done(&plan);
+	}
+	cut_plan_done(&one);
+}
+
+/* What a thread would do in no time is not divided. */
+static void small(void **state)
+{
+	const struct view little = {.window = VIEW_CROP_BOX, .window_box = {9000, 9000, 11500, 11500}};
+	struct cut_plan plan;
+	struct err err = ERR_INIT;
+
+	(void)state;
+	assert_int_equal(window_plan_from(&src, &little, CAP, 8, &plan, &err), 0);
+	assert_int_equal(plan.n, 1);
+	assert_in_range(plan.leaf[0].count, 9000, 1 << 14);
+	cut_plan_done(&plan);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {cmocka_unit_test(divides), cmocka_unit_test(small)};
+
+	for (unsigned i = 0; i < CELLS * CELLS; i++)
+		make_cell(i % CELLS, i / CELLS);
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
