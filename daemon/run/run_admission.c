@@ -56,6 +56,8 @@ static uint64_t held(const struct admission_run *r)
 	for (d = w->domains; d; d = d->next)
 		/* Only the worker knows how much of a domain in the making is mapped. */
 		bytes += d->state == DOMAIN_MAKING || d->state == DOMAIN_SPLIT ? w->budget.domain_bytes : d->size;
+	if (!w->sums_only)
+		bytes += w->arenas.charged; /* of free arenas; the others are those of its domains */
 	return bytes > claimed ? bytes : claimed;
 }
 

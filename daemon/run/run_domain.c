@@ -18,9 +18,10 @@
 
 /* ---- the list ---- */
 
-/* An arena for that many positions fills its huge pages. */
-#define HUGE_COUNT ((uint64_t)1 << 17)
-/* So do arenas that this many domains use in turn. */
+/* An arena that passes to other domains (run_arena.c) fills its huge pages if they have that many positions ... */
+uint64_t run_huge_count = 1 << 15;
+/* ... and one for sums alone with that load, or if this many domains use it in turn. */
+#define HUGE_LOAD ((uint32_t)1 << 17)
 #define HUGE_DOMAINS 64
 
 void run_domain_set_state(struct run_domain *d, enum run_domain_state next)
@@ -69,7 +70,7 @@ void run_domain_release(struct run_domain *d)
 		;
 	*at = d->next;
 	w->ndomains--;
-	run_domain_unmap(d);
+	run_arena_leave(d);
 	free(d);
 }
 
@@ -152,9 +153,9 @@ static void make_run(struct sched_task *t)
 
 	d->err = ERR_INIT;
 	d->r = 0;
-	if (!d->borrows_arena)
+	if (!d->borrows_arena && !d->memory)
 		run_domain_map(d, t->bytes);
-	else
+	else if (d->borrows_arena)
 		d->no_arena = !run_arena_take(d);
 	if (d->r || d->no_arena)
 		return;
@@ -172,12 +173,18 @@ static void make_done(struct sched_task *);
 static void make_submit(struct run_domain *d, enum sched_priority priority, bool own)
 {
 	const struct run *w = d->run;
+	uint64_t bytes;
 
 	/* An arena is used by many domains, of which some may be larger than this one. */
-	d->huge = (w->sums_only ? w->budget.load : d->count) >= HUGE_COUNT ||
-		  (w->sums_only && w->plan_n > w->stored_leaves.leaves + HUGE_DOMAINS);
-	run_domain_submit(d, make_run, make_done, priority,
-			  d->run->sums_only ? run_arena_ask(d, own) : run_page_round(d->run->budget.domain_bytes));
+	if (w->sums_only)
+		d->huge = w->budget.load >= HUGE_LOAD || w->plan_n > w->stored_leaves.leaves + HUGE_DOMAINS;
+	else
+		d->huge = d->count >= run_huge_count;
+	if (w->sums_only)
+		bytes = run_arena_ask(d, own);
+	else
+		bytes = run_arena_inherit(d) ? 0 : run_page_round(w->budget.domain_bytes);
+	run_domain_submit(d, make_run, make_done, priority, bytes);
 }
 
 static void make_done(struct sched_task *t)
@@ -205,7 +212,8 @@ static void make_done(struct sched_task *t)
 		run_fail(w, &d->err);
 		run_domain_release(d);
 	} else {
-		run_domain_trim(d, d->held);
+		if (!run_arena_passes(d))
+			run_domain_trim(d, d->held);
 		w->made += d->made;
 		if (d->made)
 			tally_domain(w->runs->core, d->domain.ntriangle);

@@ -469,11 +469,13 @@ static void plan_begin(struct run *w)
 		run_domains_begin(w);
 }
 
-/* Small leaves keep what is made again after a push in proportion to the change. */
+/* Small leaves keep what is made again after a push in proportion to the change, and other domains in the cache. */
 static void narrow_leaves(struct run *w)
 {
-	if (!w->dataset->onestep && !w->wide && w->budget.load > PIPE_KEPT_LOAD)
-		w->budget.load = PIPE_KEPT_LOAD;
+	uint32_t most = w->dataset->onestep ? PIPE_ONCE_LOAD : PIPE_KEPT_LOAD;
+
+	if (!w->wide && w->budget.load > most)
+		w->budget.load = most;
 }
 
 /* Plans with the memory that stages leave now. If that is too little, it releases its slot and tries again later. Called by

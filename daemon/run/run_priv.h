@@ -206,7 +206,7 @@ struct run {
 	} stored_leaves;
 	struct run_arenas {
 		struct arena *free; /* under LOCK_ARENA */
-		unsigned owned;     /* arenas that exist, or will when the task runs that brings one */
+		unsigned owned;     /* arenas that exist, or will when the task runs that brings one; with a reader: free ones */
 		uint64_t charged;   /* bytes of LEDGER_DOMAIN, for arenas that no domain owns */
 	} arenas;
 	size_t made;     /* domains triangulated, some perhaps more than once */
@@ -255,7 +255,9 @@ struct run {
 
 /* A reader that takes nothing for so long is slow. */
 #define RUN_STALL_SECONDS 0.25
-extern unsigned run_domains_most; /* in the list of a run at one time; only a test changes it */
+/* Only a test changes these: */
+extern unsigned run_domains_most; /* in the list of a run at one time */
+extern uint64_t run_huge_count;   /* positions of a domain that has huge pages */
 
 static inline struct run *run_of_task(struct sched_task *t)
 {
@@ -334,7 +336,11 @@ void run_domain_map(struct run_domain *, uint64_t bytes); /* worker; sets d->r *
 void run_domain_trim(struct run_domain *, size_t held);   /* keeps the first `held` bytes */
 void run_domain_unmap(struct run_domain *);
 
-/* run_arena.c: arenas of a run with `sums_only` */
+/* run_arena.c. Loop: of a run whose triangles are read */
+bool run_arena_passes(const struct run_domain *); /* its memory goes to the next domain as a whole, so it is not trimmed */
+bool run_arena_inherit(struct run_domain *);      /* before it is submitted; false: its task takes the memory */
+void run_arena_leave(struct run_domain *);        /* its memory becomes a free arena, or is unmapped */
+/* Of a run with `sums_only` */
 bool run_arena_take(struct run_domain *); /* worker; false: none is free */
 void run_arena_put(struct run_domain *);  /* worker: its memory becomes a free arena */
 /* Before its task is submitted: bytes that the task takes. `own`: it borrows no arena. */

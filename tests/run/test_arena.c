@@ -1,6 +1,6 @@
 /*
  * Arenas: as many as threads, however many domains; unmapped when others lack memory, and at the end of a run, however it ends.
- * The end of the service asserts that all is returned.
+ * With a reader a few more, likewise. The end of the service asserts that all is returned.
  *
  * Linked with --wrap of what run_domain.c calls in run_arena.c, of run_free, and failing_domain.h.
  */
@@ -14,7 +14,8 @@ enum { THREADS = 2, POINTS = 400000 };
 
 static struct {
 	atomic_uint asked, own, put, bare;
-	atomic_bool want; /* from the first returned arena on, somebody else lacks memory */
+	unsigned made, passed; /* with a reader: domains submitted; those that got the arena of another one */
+	atomic_bool want;      /* from the first returned arena on, somebody else lacks memory */
 	struct sched_task hungry;
 	atomic_uint fed, fed_at; /* it has its memory; and how many had been asked for then */
 } seen;
@@ -56,20 +57,40 @@ static void eaten(struct sched_task *t)
 		sched_give(h.sched, t->name, t->bytes);
 }
 
+/* Asks for all that is free, and a little that the run holds. */
+static void be_hungry(void)
+{
+	if (!atomic_exchange(&seen.want, false))
+		return;
+	seen.hungry = (struct sched_task){.run = eat,
+					  .done = eaten,
+					  .owner = {.uid = 1001, .flow = UINT64_MAX},
+					  .priority = SCHED_FIRST,
+					  .name = LEDGER_DOMAIN,
+					  .bytes = ledger_available(h.ledger, LEDGER_DOMAIN) + 1};
+	sched_submit(h.sched, &seen.hungry);
+}
+
 void __wrap_run_arena_put(struct run_domain *d)
 {
 	seen.put++;
-	if (atomic_exchange(&seen.want, false)) {
-		/* All that is free, and a little that the run holds. */
-		seen.hungry = (struct sched_task){.run = eat,
-						  .done = eaten,
-						  .owner = {.uid = 1001, .flow = UINT64_MAX},
-						  .priority = SCHED_FIRST,
-						  .name = LEDGER_DOMAIN,
-						  .bytes = ledger_available(h.ledger, LEDGER_DOMAIN) + 1};
-		sched_submit(h.sched, &seen.hungry);
-	}
+	be_hungry();
 	__real_run_arena_put(d);
+}
+
+bool __real_run_arena_inherit(struct run_domain *d);
+bool __wrap_run_arena_inherit(struct run_domain *d);
+
+bool __wrap_run_arena_inherit(struct run_domain *d)
+{
+	bool is = __real_run_arena_inherit(d);
+
+	seen.asked++;
+	seen.made++;
+	seen.passed += is;
+	if (is)
+		be_hungry();
+	return is;
 }
 
 struct run *__real_run_free(struct run *w);
@@ -92,6 +113,7 @@ static int open_seen(void **state)
 
 	memset(&seen, 0, sizeof seen);
 	memset(&making, 0, sizeof making);
+	run_huge_count = 1 << 15;
 	return r;
 }
 
@@ -193,11 +215,73 @@ static void split_or_failed(void **state)
 		}
 }
 
+/* With a reader: while nobody else wants memory, few domains map their own. */
+static void passed_on(void **state)
+{
+	static struct reader r; /* static: a failed test ends before the reader */
+
+	for (int want = 0; want < 2; want++) {
+		struct dataset *d;
+		struct job *job;
+
+		assert_int_equal(teardown(state), 0);
+		assert_int_equal(open_seen(state), 0);
+		run_huge_count = 0;
+		r = (struct reader){.output.calls = &reader_calls};
+		d = push("", POINTS, 1);
+		seen.want = want;
+		job = submit(d, true, VIEW);
+		job_fetch(job, &r.output);
+		turn_until(r.ends);
+		assert_false(r.failed);
+		assert_int_equal(r.triangles, r.totals.triangles);
+		assert_int_equal(r.totals.triangles, 2 * r.totals.vertices - r.totals.hull - 2);
+		assert_true(seen.made > 4 * THREADS);
+		if (want) {
+			assert_int_equal(seen.fed, 1);
+			assert_true(seen.fed_at < seen.asked);
+		} else {
+			assert_true(seen.made - seen.passed <= THREADS + 4);
+		}
+		job_leave(job);
+		turn_until(!service_active(h.service));
+		assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+		dataset_release(d);
+	}
+}
+
+/* The reader is slow after some blocks, and leaves. */
+static void left(void **state)
+{
+	static struct reader r;
+
+	for (int blocks = 1; blocks < 8; blocks += 3) {
+		struct dataset *d;
+		struct job *job;
+
+		assert_int_equal(teardown(state), 0);
+		assert_int_equal(open_seen(state), 0);
+		run_huge_count = 0;
+		r = (struct reader){.output.calls = &reader_calls};
+		d = push("", POINTS / 2, 1);
+		job = submit(d, true, VIEW);
+		job_fetch(job, &r.output);
+		turn_until(r.blocks >= blocks || r.ends);
+		job_cancel(job);
+		turn_until(r.ends);
+		job_leave(job);
+		turn_until(!service_active(h.service));
+		assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+		dataset_release(d);
+	}
+}
+
 #define TEST(f) cmocka_unit_test_setup_teardown(f, open_seen, teardown)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {TEST(go_round), TEST(given_up), TEST(stopped), TEST(split_or_failed)};
+	const struct CMUnitTest tests[] = {TEST(go_round),        TEST(given_up),  TEST(stopped),
+					   TEST(split_or_failed), TEST(passed_on), TEST(left)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
