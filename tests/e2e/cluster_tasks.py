@@ -13,12 +13,12 @@ def stl_triangles(path):
     """Of a binary STL: its head, and its triangles in an order that does not depend on the run: each from its least corner on."""
     with open(path, "rb") as f:
         data = f.read()
-
-    def turned(b):
-        corners = [b[12:24], b[24:36], b[36:48]]
-        first = corners.index(min(corners))
-        return corners[first:] + corners[:first]
-    return data[:84], sorted(turned(data[i:i + 50]) for i in range(84, len(data), 50))
+    triangles = []
+    for i in range(96, len(data), 50):
+        a, b, c = data[i:i + 12], data[i + 12:i + 24], data[i + 24:i + 36]
+        triangles.append(a + b + c if a <= b and a <= c else b + c + a if b <= c else c + a + b)
+    triangles.sort()
+    return data[:84], triangles
 
 
 class Tasks:
