@@ -31,6 +31,7 @@ struct landxml {
 	struct decimal vertex[3];
 	unsigned n_vertex;
 	uint64_t number, fed;
+	uint64_t at; /* where the last token begins that was seen */
 	bool ended;
 	struct err *err;
 	int rc;
@@ -323,13 +324,13 @@ static int failed(struct landxml *x)
 static int feed(struct landxml *x, enum XML_Status *ret)
 {
 	void *buffer = XML_GetBuffer(x->parser, PIECE);
-	int64_t at = XML_GetCurrentByteIndex(x->parser);
+	int64_t at;
 	size_t n = 0;
 	int rc;
 
 	if (!buffer)
 		return err_set(x->err, ERR_NOMEM, "no memory for XML");
-	if (at >= 0 && x->fed > (uint64_t)at + TAG_MOST)
+	if (x->fed > x->at + TAG_MOST)
 		return lines_bad(x->l, x->err, XML_GetCurrentLineNumber(x->parser), "a tag or comment has more than 4 MiB");
 	rc = lines_interrupted(x->l, x->err);
 	if (!rc)
@@ -339,6 +340,10 @@ static int feed(struct landxml *x, enum XML_Status *ret)
 	x->fed += n;
 	x->ended = n < PIECE;
 	*ret = XML_ParseBuffer(x->parser, (int)n, x->ended);
+	/* -1 where it has only kept the piece, as it does with ever more of a long tag (from 2.5.0-1+deb12u2 and 2.6.0 on), and
+	 * after XML_GetBuffer. */
+	at = XML_GetCurrentByteIndex(x->parser);
+	x->at = at > (int64_t)x->at ? (uint64_t)at : x->at;
 	return 0;
 }
 

@@ -126,8 +126,11 @@ static int check_held(int dirfd, const char *from, const struct outfile_held *he
 	struct stat st;
 	int fd = -1, r = 0;
 
-	if (io_open(dirfd, from, O_RDONLY | O_NOFOLLOW, 0, &fd, &absent))
+	if (io_open(dirfd, from, O_RDONLY | O_NOFOLLOW, 0, &fd, &absent)) {
+		if (absent.sys == ESTALE)
+			return err_sys(err, ESTALE, "cannot open the complete output %s", from);
 		return 0; /* renaming it tells more */
+	}
 	if (fstat(fd, &st))
 		r = err_sys(err, errno, "cannot look at a complete output");
 	else if ((uint64_t)st.st_size != held->size || (uint64_t)st.st_ino != held->inode)

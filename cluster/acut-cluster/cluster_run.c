@@ -110,7 +110,7 @@ int cluster_limits(const struct cluster_options *o, struct err *err)
 static int open_dispatch(struct cluster_run *r, enum cluster_open how, const char *script, struct err *err)
 {
 	const struct cluster_options *o = &r->own.opt;
-	const char *patience = getenv("ACUT_CLUSTER_PATIENCE");
+	const char *patience = getenv("ACUT_CLUSTER_PATIENCE"), *poll = getenv("ACUT_CLUSTER_POLL");
 	struct dispatch_phase phase[WORK_PHASES];
 	struct dispatch_options d = {.id = r->id,
 				     .work = r->folder,
@@ -140,6 +140,8 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 	d.nphase = r->nphase;
 	if (patience && !parse_seconds(patience, &d.patience))
 		d.patience = 0;
+	if (poll && !parse_seconds(poll, &d.poll))
+		d.poll = 0;
 	if (find_task(r->task, sizeof r->task, err))
 		return -(int)err->code;
 	snprintf(r->script, sizeof r->script, "%s%s", script && *script ? script : r->folder, script && *script ? "" : "/script");

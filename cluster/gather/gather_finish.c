@@ -5,6 +5,7 @@
  * all triangles between them: their sums are compared with these. Names are given after everything was read and compared; if that
  * is interrupted, the next attempt does it again. What parts leave beside the outputs is removed at the end.
  */
+#include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
@@ -163,6 +164,19 @@ static int given_up(void *ctx)
 	return 1;
 }
 
+/* A file that another node made may be seen late, or be stale at first. Of tiles it is the folder that was looked at already. */
+static int publish(struct finish *f, struct err *err)
+{
+	const bool files = !f->p->outputs->tile && !f->p->outputs->levels;
+	double waited = 0;
+	int r;
+
+	while ((r = outputs_publish(f->run, err)) && files && (r == -ERR_GONE || err->sys == ESTALE) && !given_up(f) &&
+	       work_wait(f->p->work, &waited))
+		err_clear(err);
+	return r;
+}
+
 /* Head, parts, tail: then the outputs have their names. */
 static int join(struct finish *f, struct err *err)
 {
@@ -194,7 +208,7 @@ static int join(struct finish *f, struct err *err)
 	if (!r)
 		r = from_run(f, feed_tail(&f->feed, &tail, err), err);
 	outputs_about(f->run, 0, NULL, f->in.manifest->generation);
-	return r ? r : outputs_publish(f->run, err);
+	return r ? r : publish(f, err);
 }
 
 /* ---- the report ---- */

@@ -5,12 +5,16 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "err.h"
 #include "io.h"
 #include "work_priv.h"
+
+enum { NFS_NAME = 64 };
 
 struct cleaning {
 	const struct work *work;
@@ -82,18 +86,68 @@ static int clean_entry(void *ctx, const struct dirent *e, struct err *err)
 	return strcmp(e->d_name, WORK_ABOUT) ? io_folder_remove(c->work->fd, e->d_name, err) : 0;
 }
 
+/* ---- files that are open ---- */
+
+static int look_at_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	char *found = ctx;
+
+	(void)err;
+	if (!*found && !strncmp(e->d_name, ".nfs", 4))
+		snprintf(found, NFS_NAME, "%.*s", NFS_NAME - 1, e->d_name);
+	return 0;
+}
+
+/* Where a client of NFS keeps a file; "": nowhere. `folders`: also in those of a run. */
+static void find_open(const struct work *w, bool folders, char path[PATH_MAX])
+{
+	struct err ignored = ERR_INIT;
+	char found[NFS_NAME] = "";
+	const char *in = "";
+
+	io_list(w->fd, ".", look_at_entry, found, &ignored);
+	for (const char *const *f = work_folders; folders && *f && !*found; f++) {
+		err_clear(&ignored);
+		io_list(w->fd, *f, look_at_entry, found, &ignored);
+		in = *f;
+	}
+	path[0] = 0;
+	if (*found)
+		snprintf(path, PATH_MAX, "%s/%s%s%s", w->path ? w->path : w->folder, in, *in ? "/" : "", found);
+}
+
+/* A client of NFS gives a file that is removed while a process of its machine has it open the name .nfs..., and removes it when
+ * it is closed. Until then nobody else on that machine can (EBUSY), nor the folder (ENOTEMPTY). `r`: an error, which gets the
+ * name of such a file if it is of that kind; or 0, and there may be one all the same. */
+static int explain_open(const struct work *w, int r, struct err *err)
+{
+	char path[PATH_MAX] = "";
+
+	if (!r || err->sys == EBUSY || err->sys == ENOTEMPTY)
+		find_open(w, r, path);
+	if (!*path)
+		return r;
+	err_clear(err);
+	err_set(err, ERR_CONFLICT, "it stays until a process of this machine closes it");
+	err_add_hint(err, "'fuser -v %s' tells which one; end it, then %s", path,
+		     faccessat(w->fd, WORK_ABOUT, F_OK, 0) ? "remove the folder" : "clean once more");
+	return err_add_file(err, path);
+}
+
+/* ---- all of it ---- */
+
 int work_clean(struct work *w, const char *const *keep, struct err *err)
 {
 	struct cleaning c = {.work = w, .keep = keep};
 	int r = io_list(w->fd, ".", check_entry, &c, err);
 
 	if (!r)
-		r = io_list(w->fd, ".", clean_entry, &c, err);
+		r = explain_open(w, io_list(w->fd, ".", clean_entry, &c, err), err);
 	if (!r)
 		r = io_remove(w->fd, WORK_ABOUT, err);
 	if (r || c.kept || w->linked || !w->path)
 		return r;
 	if (io->unlinkat(AT_FDCWD, w->path, AT_REMOVEDIR) < 0 && errno != ENOENT)
-		r = err_sys(err, errno, "cannot remove the folder %s", w->path);
+		r = explain_open(w, err_sys(err, errno, "cannot remove the folder %s", w->path), err);
 	return r;
 }

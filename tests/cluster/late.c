@@ -1,8 +1,8 @@
 /*
- * A preload: a shared file system that shows files late. $ACUT_LATE is "CALL ERROR COUNT SECONDS TEXT": reading calls, open or
- * read, on files whose path has TEXT in it (A|B: one of both) fail with the number ERROR: the first COUNT of each path, and all
- * in the first SECONDS of the process. Their paths are added to the file $ACUT_LATE_FELT. Folders, and files that the process
- * makes, are as they are.
+ * A preload: a shared file system that shows files late. $ACUT_LATE is "CALL ERROR COUNT SECONDS TEXT": the call open, for
+ * reading or for writing what is there, or read, on files whose path has TEXT in it (A|B: one of both) fails with the number
+ * ERROR: the first COUNT of each path, and all in the first SECONDS of the process. Their paths are added to the file
+ * $ACUT_LATE_FELT. Folders, and files that the process makes, are as they are.
  */
 #undef _FILE_OFFSET_BITS /* both names of a call are to be had */
 #include <dlfcn.h>
@@ -135,32 +135,42 @@ static void made(int dir, const char *name)
 	times(path, OWN);
 }
 
-#define OPEN(f)                                                                                            \
-	PUBLIC int f(int dir, const char *name, int flags, ...)                                            \
-	{                                                                                                  \
-		va_list ap;                                                                                \
-		mode_t mode;                                                                               \
-                                                                                                           \
-		va_start(ap, flags);                                                                       \
-		mode = va_arg(ap, mode_t);                                                                 \
-		va_end(ap);                                                                                \
-		if ((flags & O_ACCMODE) == O_RDONLY && !(flags & O_DIRECTORY) && fails("open", dir, name)) \
-			return -1;                                                                         \
-		if (flags & O_CREAT)                                                                       \
-			made(dir, name);                                                                   \
-		return REAL(f)(dir, name, flags, mode);                                                    \
+#define OPEN(f)                                                                     \
+	PUBLIC int f(int dir, const char *name, int flags, ...)                     \
+	{                                                                           \
+		va_list ap;                                                         \
+		mode_t mode;                                                        \
+                                                                                    \
+		va_start(ap, flags);                                                \
+		mode = va_arg(ap, mode_t);                                          \
+		va_end(ap);                                                         \
+		if (!(flags & (O_CREAT | O_DIRECTORY)) && fails("open", dir, name)) \
+			return -1;                                                  \
+		if (flags & O_CREAT)                                                \
+			made(dir, name);                                            \
+		return REAL(f)(dir, name, flags, mode);                             \
 	}
 OPEN(openat)
 OPEN(openat64)
 
+PUBLIC int linkat(int from, const char *old, int to, const char *name, int flags)
+{
+	made(to, name);
+	return REAL(linkat)(from, old, to, name, flags);
+}
+
 PUBLIC int renameat(int from, const char *old, int to, const char *name)
 {
+	if (fails("open", from, old))
+		return -1;
 	made(to, name);
 	return REAL(renameat)(from, old, to, name);
 }
 
 PUBLIC int renameat2(int from, const char *old, int to, const char *name, unsigned flags)
 {
+	if (fails("open", from, old))
+		return -1;
 	made(to, name);
 	return REAL(renameat2)(from, old, to, name, flags);
 }

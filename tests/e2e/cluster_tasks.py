@@ -9,6 +9,18 @@ CLUSTER = os.environ.get("ACUT_CLUSTER", "acut-cluster")
 TASK = os.environ.get("ACUT_TASK_PROGRAM", "acut-task")
 
 
+def stl_triangles(path):
+    """Of a binary STL: its head, and its triangles in an order that does not depend on the run: each from its least corner on."""
+    with open(path, "rb") as f:
+        data = f.read()
+    triangles = []
+    for i in range(96, len(data), 50):
+        a, b, c = data[i:i + 12], data[i + 12:i + 24], data[i + 24:i + 36]
+        triangles.append(a + b + c if a <= b and a <= c else b + c + a if b <= c else c + a + b)
+    triangles.sort()
+    return data[:84], triangles
+
+
 class Tasks:
     """`words`: of acut-cluster mesh, without the work folder and the scheduler. `work`: the folder; where tasks see it by other
     paths, one for each node."""
@@ -58,7 +70,8 @@ class Tasks:
         known = self.named() | {"acut-work", "inputs", "dataset/manifest"} | {"done/%s-%d" % task for task in self.tasks}
         # The dataset's folder has second names of the segments.
         bases = {os.path.basename(name) for name in known}
-        return sorted(name for name in there - known if name.split("/")[0] not in ("log", "failed") and
+        # shared-0-RUN says which outputs all tasks write.
+        return sorted(name for name in there - known if name.split("/")[0] not in ("log", "failed") and not name.startswith("shared-0-") and
                       not (name.startswith("dataset/") and os.path.basename(name) in bases))
 
     def clean(self):

@@ -14,8 +14,8 @@ import subprocess
 import sys
 import time
 
-from cluster_tasks import Tasks
-from e2e import ACUTCTL, SYNTH, Folder, expect, main, run, unavailable
+from cluster_tasks import Tasks, stl_triangles
+from e2e import ACUTCTL, SYNTH, VERIFY, Folder, expect, main, run, unavailable
 
 CALLS = (("pwrite64", "ENOSPC"), ("pwrite64", "EIO"), ("pwrite64", "EDQUOT"), ("write", "ENOSPC"), ("fsync", "EIO"), ("linkat", "EIO"),
          ("unlinkat", "EIO"), ("openat", "EIO"), ("openat", "ENOENT"), ("openat", "ESTALE"), ("openat", "EMFILE"), ("pread64", "EIO"),
@@ -47,20 +47,28 @@ class Surveys:
         self.files = ["%s/in/%d.las" % (base, i) for i in range(FILES)]
         for i, path in enumerate(self.files):
             run([SYNTH, "--points", "6000", "--seed", str(i + 1), "--origin", "%d,5400000" % (500000 + 22 * i), path]).ok()
+        run([ACUTCTL, "mesh", *self.files, "-o", base + "/daemon.stl", "--origin", "auto"]).ok()
         got = run([ACUTCTL, "mesh", *self.files, "-o", base + "/daemon.ply", "--canonical", "--json"]).ok().json()
         self.want, self.sums = (got["digest"], got["vertex_digest"]), sums(self.files)
 
-    def begin(self, *options, points="8000", patience="0.3", folder=None):
+    def begin(self, *options, points="8000", patience="0.3", folder=None, shared=False):
+        """`shared`: outputs that all tasks of gather write."""
         self.n += 1
         self.out = "%s/out%d.ply" % (self.base, self.n)
-        return Tasks([*self.files, "-o", self.out, "--canonical", "--task-points", points, "--task-memory", "64M", *options],
+        self.stl = "%s/out%d.stl" % (self.base, self.n) if shared else None
+        outputs = ["-o", self.out, "-o", self.stl, "--origin", "auto"] if shared else ["-o", self.out, "--canonical"]
+        return Tasks([*self.files, *outputs, "--task-points", points, "--task-memory", "64M", *options],
                      "%s/work%d" % (folder or self.base, self.n), "%s/script%d" % (self.base, self.n),
                      {"ACUT_CLUSTER_PATIENCE": patience} if patience else {})
 
     def check(self, tasks, unnamed=False):
         expect(tasks.digests() == self.want, "another mesh: %s, not %s" % (tasks.digests(), self.want))
-        with open(self.out, "rb") as a, open(self.base + "/daemon.ply", "rb") as b:
-            expect(a.read() == b.read(), "the output is another one")
+        if self.stl:
+            run([VERIFY, self.out, *self.files]).ok()
+            expect(stl_triangles(self.stl) == stl_triangles(self.base + "/daemon.stl"), "the STL has other triangles")
+        else:
+            with open(self.out, "rb") as a, open(self.base + "/daemon.ply", "rb") as b:
+                expect(a.read() == b.read(), "the output is another one")
         expect(sums(self.files) == self.sums, "an input has changed")
         expect(unnamed or not tasks.unnamed(), "no record names these files: %s" % tasks.unnamed())
         tasks.clean()
@@ -154,6 +162,9 @@ KINDS = {"inputs": "/in/", "records": "/done/", "segments": ".seg", "packs": "/m
          "lists": "/gather-", "manifests": "/dataset/manifest"}
 
 
+SHARED = {"PLY": ".ply.", "STL": ".stl."}
+
+
 def felt(path):
     """The kinds of files of which calls have failed."""
     if not os.path.exists(path):
@@ -161,13 +172,13 @@ def felt(path):
     with open(path) as f:
         paths = f.read().split()
     os.unlink(path)
-    return {kind for kind, text in KINDS.items() if any(text in p for p in paths)}
+    return {kind for kind, text in {**KINDS, **SHARED}.items() if any(text in p for p in paths)}
 
 
-def files_fail(surveys, call, errors, text, count=0, seconds=0.0, patience=None):
+def files_fail(surveys, call, errors, text, count=0, seconds=0.0, patience=None, shared=False):
     """A run of which each task feels that first, the tasks of a phase at once; those that fail run again without. Returns which kinds of
     files were felt, and what was said: {(phase, message)}."""
-    tasks, said, log = surveys.begin("--sort", patience=patience), set(), surveys.base + "/felt"
+    tasks, said, log = surveys.begin("--sort", patience=patience, shared=shared), set(), surveys.base + "/felt"
     usual = tasks.env
     for phase in dict.fromkeys(phase for phase, _ in tasks.tasks):
         begun = []
@@ -204,6 +215,22 @@ def late_or_stale():
         expect({phase for phase, _ in said} >= {"gather"} and all("pack-" in out for _, out in said), "packs: %s" % said)
 
 
+def one_file_late():
+    """Files that all tasks of gather write and finish gives their names, and that other nodes see late: they are waited for. One that is away for longer than the
+    patience fails the task, which says so, and the next attempt goes on. ACUT_CLUSTER_LATE as above."""
+    with Folder() as base:
+        surveys, seconds = Surveys(base), float(os.environ.get("ACUT_CLUSTER_LATE", "0"))
+        for errors in ((errno.ESTALE, errno.ENOENT), (errno.ENOENT, errno.ESTALE)) if seconds else ((errno.ESTALE, errno.ENOENT), ):
+            kinds, said = files_fail(surveys, "open", errors, ".ply.|.stl.", 3, seconds, shared=True)
+            expect(not said, "opening fails for a time: %s" % said)
+            expect(kinds == set(SHARED), "only these files were late: %s" % kinds)
+        for error in (errno.ENOENT, errno.ESTALE):
+            kinds, said = files_fail(surveys, "open", (error, ), ".ply.", 1 << 29, patience=None if seconds else "0.2", shared=True)
+            expect(kinds == {"PLY"} and {phase for phase, _ in said} == {"gather", "finish"}, "%s %s" % (kinds, said))
+            expect(all(".ply" in out for _, out in said), "%s" % said)
+            print("     files of several nodes that are away (%s): %s" % (errno.errorcode[error], sorted({phase for phase, _ in said})))
+
+
 def full_disk():
     """The work folder is on a small file system, which is full in each phase once; what is there is not lost."""
     with Folder() as base:
@@ -229,6 +256,6 @@ def full_disk():
             run(["umount", small])
 
 
-CASES = [several_at_once, files_come_late, late_or_stale, killed_tasks, failing_calls, full_disk]
+CASES = [several_at_once, files_come_late, late_or_stale, one_file_late, killed_tasks, failing_calls, full_disk]
 if __name__ == "__main__":
     main(*[c for c in CASES if not sys.argv[1:] or c.__name__ in sys.argv[1:]])

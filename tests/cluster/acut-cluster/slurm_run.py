@@ -6,6 +6,8 @@ import re
 import subprocess
 import time
 
+import e2e
+from cluster_tasks import stl_triangles
 from run import CLUSTER, TASK, Daemon, check, main, run, same, show, sums, tiles
 from slurm_test import slurm
 
@@ -77,7 +79,7 @@ def lost_in_each_phase(base, s, survey, wanted):
     lost = sorted({h.node() for h in held})
     check("a node is left", len(lost) < 3, str(lost))
     for node in lost:
-        s.do("lose", node)
+        s.lose(node)
     for h in held:
         begun, ended = h.end("a node is lost in the phase " + h.phase, wanted)
         check("an attempt was lost in the phase " + h.phase, begun > ended, "%d began, %d ended" % (begun, ended))
@@ -90,7 +92,7 @@ def lost_in_each_phase(base, s, survey, wanted):
 
 def forget(base):
     for name in os.listdir(base):
-        if name.startswith(("m-", "held-", "task-")):
+        if name.startswith(("m-", "held-", "task-", "gate-")):
             subprocess.run(["rm", "-r", base + "/" + name], check=True)
 
 
@@ -105,6 +107,45 @@ def every_task_twice(base, s, survey, wanted):
     run(CLUSTER, "clean", base + "/w-twice", env=s.env)
     left(base, "m-twice.ply")
     forget(base)
+
+
+def one_file(base, s, d):
+    """A PLY and an STL that the tasks of three nodes write, each task twice at once: all are in the middle of it when a node is lost."""
+    survey, work, double, gate = tiles(base + "/large", 40000), base + "/w-one", base + "/task-one", e2e.Gate(base)
+    wanted = d.mesh(survey, "-o", base + "/by-daemon.stl", "--origin", "auto")
+    outputs = [base + "/m-one." + end for end in ("ply", "stl")]
+    with open(double, "w") as f:
+        f.write('#!/bin/sh\n[ $2 != gather ] || { echo $SLURMD_NODENAME >%s/held-$3; export LD_PRELOAD=%s ACUT_GATE=%s; }\n'
+                '%s "$@" &\n%s "$@"\nr=$?\nwait $! && exit $r\n' % (base, gate.env["LD_PRELOAD"], gate.folder, TASK, TASK))
+    os.chmod(double, 0o755)
+    gate.close("pwrite", "/.m-one.", 1)
+    p = subprocess.Popen([CLUSTER, "mesh", survey, "-o", outputs[0], "-o", outputs[1], "--origin", "auto", "--work", work, "--on", "slurm",
+                          "--json", "--no-config", "--task-points", "80000", "--task-memory", "64M", "--sbatch=--cpus-per-task=32", "--wait"],
+                         env={**os.environ, **s.env, "ACUT_TASK": double}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def nodes():
+        """Of the tasks of gather, and how much is in the outputs."""
+        parts = [base + "/" + name for name in os.listdir(base) if name.startswith(".m-one.")]
+        held = [base + "/" + name for name in os.listdir(base) if name.startswith("held-")]
+        return [open(name).read().strip() for name in sorted(held)], sum(os.stat(name).st_blocks for name in parts)
+
+    s.until("three tasks of gather write", lambda: len(nodes()[0]) == 3 and nodes()[1] and os.path.exists(gate.path("held")), 120)
+    of = nodes()[0]
+    check("three nodes write", len(set(of)) == 3, str(of))
+    s.lose(of[0])
+    gate.open()
+    out, err = p.communicate(timeout=240)
+    check("a node is lost while all write", p.returncode == 0, out + err)
+    same("one file of three nodes", json.loads(out)["result"], wanted)
+    again = [x["again"] for x in show(work, s.env)["phases"] if x["phase"] == "gather"]
+    check("tasks of gather were lost", again == [1], "%s, %s" % (again, of))
+    run(os.environ["ACUT_VERIFY"], outputs[0], *(survey + "/" + name for name in os.listdir(survey)))
+    check("the triangles of the STL", stl_triangles(outputs[1]) == stl_triangles(base + "/by-daemon.stl"))
+    run(CLUSTER, "clean", work, env=s.env)
+    left(base, "m-one.ply", "m-one.stl")
+    s.do("back", of[0])
+    forget(base)
+    s.until("the node comes back", lambda: s.run("sinfo", "-h", "-t", "idle", "-o", "%D").strip() == "3")
 
 
 def controller_killed(base, s, survey, wanted):
@@ -125,12 +166,14 @@ def controller_killed(base, s, survey, wanted):
 
 
 def faults(base):
-    """One Slurm for all: a node is lost in each phase, every task runs twice at once, the controller is killed."""
+    """One Slurm for all: a node is lost in each phase, every task runs twice at once, also while a node is lost, the controller is
+    killed."""
     with slurm(base + "/slurm", 3, cpus=32) as s:
         survey, d = tiles(base + "/tiles", 6000), Daemon(base)
         wanted, before = d.mesh(survey, "--format", "null"), sums(survey)
         lost_in_each_phase(base, s, survey, wanted)
         every_task_twice(base, s, survey, wanted)
+        one_file(base, s, d)
         controller_killed(base, s, survey, wanted)
         check("no input has changed", sums(survey) == before)
 

@@ -12,6 +12,7 @@ import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "e2e"))
 import e2e  # noqa: E402
+from cluster_tasks import stl_triangles  # noqa: E402
 from e2e import expect, run  # noqa: E402
 
 PHASES = os.environ["PHASES"]
@@ -148,25 +149,13 @@ def every_format():
         os.unlink(os.path.join(base, "both.obj"))
 
 
-def records(path):
-    """Of an STL: its head, and its triangles in an order that does not depend on the run: each from its least corner on."""
-    with open(path, "rb") as f:
-        data = f.read()
-
-    def turned(b):
-        corners = [b[12:24], b[24:36], b[36:48]]
-        first = corners.index(min(corners))
-        return corners[first:] + corners[:first]
-    return data[:84], sorted(turned(data[i:i + 50]) for i in range(84, len(data), 50))
-
-
 def by_all_tasks():
     """One PLY and one STL that all tasks write at once have the triangles of acutd's, for several tasks and blocks."""
     with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
         files = inputs(base, 2, 30000)
         first, mesh = os.path.join(base, "d.stl"), os.path.join(base, "d.ply")
         shown = d.ctl("mesh", *files, "-o", mesh, "-o", first, "--origin", "auto", "--json").ok().json()
-        want = records(first)
+        want = stl_triangles(first)
         for gathers, block in ((2, 4096), (5, 1 << 16), (7, 1 << 22)):
             folder, out = os.path.join(base, "w%d" % gathers), os.path.join(base, "out%d" % gathers)
             os.mkdir(folder)
@@ -186,7 +175,7 @@ def by_all_tasks():
                 expect(abs(got["edges"][key] - shown["edges"][key]) < 1e-9, "%s %s" % (got["edges"], shown["edges"]))
             expect(sorted(os.listdir(out)) == ["x.ply", "x.stl"], str(os.listdir(out)))
             expect([os.path.getsize(x) for x in (ply, stl)] == [os.path.getsize(x) for x in (mesh, first)], "sizes differ")
-            expect(records(stl) == want, "other triangles with %d tasks" % gathers)
+            expect(stl_triangles(stl) == want, "other triangles with %d tasks" % gathers)
             run([e2e.VERIFY, ply, *files]).ok()
             # what needs the mesh in order is still made by one task
             expect(len([n for n in os.listdir(path) if n.startswith("gather-")]) == gathers, "not every task wrote")

@@ -522,6 +522,57 @@ static void clean_refuses_strangers(void **state)
 	assert_int_equal(access(folder, F_OK), -1);
 }
 
+/* A client of NFS, for files whose name has "open" in it: a process has them open. */
+static int remove_on_nfs(int dir, const char *name, int flags)
+{
+	char rest[80];
+
+	if (!strncmp(name, ".nfs", 4)) {
+		errno = EBUSY;
+		return -1;
+	}
+	if (flags || (strcmp(name, "acut-work") != 0 && !strstr(name, "open")))
+		return unlinkat(dir, name, flags);
+	snprintf(rest, sizeof rest, ".nfs-%s", name);
+	return renameat(dir, name, dir, rest);
+}
+
+/* The error names what is left of a file that somebody has open, and what to do; with the last process gone, clean ends. */
+static void clean_names_a_file_that_is_open(void **state)
+{
+	static const struct {
+		const char *file, *left, *then;
+	} of[] = {{"mesh/pack-open", "mesh/.nfs-pack-open", "clean once more"},
+		  {"script-open", ".nfs-script-open", "clean once more"},
+		  {"acut-work", ".nfs-acut-work", "remove the folder"}};
+	struct io_table table = io_system;
+	struct err err = ERR_INIT;
+
+	(void)state;
+	table.unlinkat = remove_on_nfs;
+	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+		int fd = openat(work_fd(work), of[i].file, O_WRONLY | O_CREAT, 0666);
+
+		close(fd);
+		io = &table;
+		for (int again = i < 2; again >= 0; again--) {
+			assert_int_equal(work_clean(work, NULL, &err), -ERR_CONFLICT);
+			assert_non_null(strstr(err.file, of[i].left));
+			assert_true(strstr(err.hint, of[i].left) && strstr(err.hint, of[i].then));
+			assert_true(is_there(of[i].left) && is_there("acut-work") == (i < 2));
+			err_clear(&err);
+		}
+		io = &io_system;
+		assert_int_equal(unlinkat(work_fd(work), of[i].left, 0), 0);
+		if (i < 2)
+			check(work_clean(work, NULL, &err), &err);
+		else
+			assert_int_equal(rmdir(folder), 0);
+		work = work_close(work);
+		make();
+	}
+}
+
 /* The folder that was opened, also from another current folder. */
 static void clean_means_the_folder_that_was_opened(void **state)
 {
@@ -582,6 +633,7 @@ int main(void)
 		EACH(a_run_that_cannot_be_made_leaves_nothing),
 		EACH(clean_leaves_what_is_kept),
 		EACH(clean_refuses_strangers),
+		EACH(clean_names_a_file_that_is_open),
 		EACH(clean_means_the_folder_that_was_opened),
 		EACH(clean_leaves_a_link_and_its_folder),
 	};
