@@ -30,7 +30,7 @@ from faults import Fault, Killed, Store, e2e, expect
 from nights_model import Drop
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-OLDER = "18cd122e"  # of the same formats
+FORMATS = ("-G_VERSION = ", "--", "engine", "daemon")  # changes of the versions of files
 MEMORY, BEYOND = 24 << 20, 32 << 20
 SETTINGS = ("--keep-removed", "1s", "--space-wait", "1", "--disk", "40M", "--keep-free", "0")
 CALLS = ("pwrite64", "fsync", "fdatasync", "renameat,renameat2", "unlinkat", "openat", "linkat")
@@ -48,18 +48,20 @@ OLD_JOBS = {1, 2, 3, 4}  # of the older state
 
 
 def older_program():
-    """The build folder of the older revision, or None."""
+    """The build folder of the older revision, or None. It is the oldest one that reads all files of this one."""
     wish = os.environ.get("ACUT_NIGHTS_OLD")
     if not wish:
         return None
     if wish != "1":
         return wish
-    to = os.path.join(power.BUILD, "acut-" + OLDER)
-    top = os.path.join(HERE, "..", "..")
-    archive = subprocess.run(["git", "-C", top, "archive", OLDER], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    if archive.returncode:
+    git = ["git", "-C", os.path.join(HERE, "..", "..")]
+    older = subprocess.run([*git, "log", "-1", "--format=%h", *FORMATS], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    name = older.stdout.decode().strip()
+    archive = subprocess.run([*git, "archive", name], stdout=subprocess.PIPE, stderr=subprocess.PIPE) if name else older
+    if not name or archive.returncode:
         print("skipped: upgrades from an older revision: the history of git is not here: %s" % archive.stderr.decode(errors="replace").strip())
         return None
+    to = os.path.join(power.BUILD, "acut-" + name)
     if not os.path.exists(to + "/b/daemon/acutd"):
         shutil.rmtree(to, ignore_errors=True)
         os.makedirs(to)
