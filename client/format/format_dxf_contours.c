@@ -131,17 +131,7 @@ static int put_all(struct format_lines *w, struct err *err)
 
 static int dxf_contours_open(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
-	return format_lines_open(out, opt, "dxf-contours", ret, err);
-}
-
-static int dxf_contours_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
-{
-	return format_lines_finish(writer, tail, put_all, err);
-}
-
-static int dxf_contours_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
-{
-	return format_lines_tiles(writer, tail, put_all, err);
+	return format_lines_open(out, opt, "dxf-contours", put_all, ret, err);
 }
 
 const struct format format_dxf_contours = {
@@ -149,18 +139,6 @@ const struct format format_dxf_contours = {
 	.extensions = "",
 	.help = "DXF R12: contours, a POLYLINE each, on layers by height; of a .dxf with --interval",
 	.purpose = "CAD: contours",
-	.kind = FORMAT_LINES,
-	.takes = FORMAT_LINES_TAKES,
-	.positions = true,
 	.open = dxf_contours_open,
-	.head = format_lines_head,
-	.block = format_lines_block,
-	.finish = dxf_contours_finish,
-	.free = format_lines_free,
-	.simplified = format_lines_simplified,
-	.save = format_lines_save,
-	.resume = format_lines_resume,
-	.lines = format_lines_count,
-	.tile = format_lines_tile,
-	.tile_lines = dxf_contours_tiles,
+	FORMAT_LINES_ROW,
 };

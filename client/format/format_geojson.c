@@ -104,17 +104,7 @@ static int put_all(struct format_lines *w, struct err *err)
 
 static int geojson_open(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
-	return format_lines_open(out, opt, "geojson", ret, err);
-}
-
-static int geojson_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
-{
-	return format_lines_finish(writer, tail, put_all, err);
-}
-
-static int geojson_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
-{
-	return format_lines_tiles(writer, tail, put_all, err);
+	return format_lines_open(out, opt, "geojson", put_all, ret, err);
 }
 
 const struct format format_geojson = {
@@ -122,18 +112,6 @@ const struct format format_geojson = {
 	.extensions = ".geojson",
 	.help = "GeoJSON: contours, in the coordinates of the mesh (--interval)",
 	.purpose = "scripts, web: contours",
-	.kind = FORMAT_LINES,
-	.takes = FORMAT_LINES_TAKES,
-	.positions = true,
 	.open = geojson_open,
-	.head = format_lines_head,
-	.block = format_lines_block,
-	.finish = geojson_finish,
-	.free = format_lines_free,
-	.simplified = format_lines_simplified,
-	.save = format_lines_save,
-	.resume = format_lines_resume,
-	.lines = format_lines_count,
-	.tile = format_lines_tile,
-	.tile_lines = geojson_tiles,
+	FORMAT_LINES_ROW,
 };

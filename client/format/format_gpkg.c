@@ -256,17 +256,7 @@ static int put_all(struct format_lines *w, struct err *err)
 
 static int gpkg_open(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
-	return format_lines_open(out, opt, "gpkg", ret, err);
-}
-
-static int gpkg_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
-{
-	return format_lines_finish(writer, tail, put_all, err);
-}
-
-static int gpkg_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
-{
-	return format_lines_tiles(writer, tail, put_all, err);
+	return format_lines_open(out, opt, "gpkg", put_all, ret, err);
 }
 
 const struct format format_gpkg = {
@@ -274,18 +264,6 @@ const struct format format_gpkg = {
 	.extensions = ".gpkg",
 	.help = "GeoPackage: contours, with their heights (--interval)",
 	.purpose = "QGIS, GIS: contours",
-	.kind = FORMAT_LINES,
-	.takes = FORMAT_LINES_TAKES,
-	.positions = true,
 	.open = gpkg_open,
-	.head = format_lines_head,
-	.block = format_lines_block,
-	.finish = gpkg_finish,
-	.free = format_lines_free,
-	.simplified = format_lines_simplified,
-	.save = format_lines_save,
-	.resume = format_lines_resume,
-	.lines = format_lines_count,
-	.tile = format_lines_tile,
-	.tile_lines = gpkg_tiles,
+	FORMAT_LINES_ROW,
 };

@@ -14,7 +14,8 @@
 enum { DECIMALS_MORE = 6, DECIMALS_MOST = 14 }; /* of a point between lattice points */
 #define LINE_LIMIT (1ull << 34)                 /* bytes that the output must have left for one line */
 
-int format_lines_open(struct outfile *out, const struct format_options *opt, const char *name, void **ret, struct err *err)
+int format_lines_open(struct outfile *out, const struct format_options *opt, const char *name,
+		      int (*write)(struct format_lines *, struct err *), void **ret, struct err *err)
 {
 	struct format_lines *w;
 	int r;
@@ -27,6 +28,7 @@ int format_lines_open(struct outfile *out, const struct format_options *opt, con
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a writer");
 	w->out = out;
+	w->write = write;
 	w->opt = *opt;
 	w->index = opt->has_index ? opt->index : FORMAT_INDEX_EACH;
 	r = contour_new(out, &w->contour, err);
@@ -195,13 +197,13 @@ static int join(struct format_lines *w, const struct acut_mesh_tail *tail, struc
 	return r ? r : contour_join(w->contour, err);
 }
 
-int format_lines_finish(struct format_lines *w, const struct acut_mesh_tail *tail,
-			int (*write)(struct format_lines *, struct err *), struct err *err)
+int format_lines_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
 {
+	struct format_lines *w = writer;
 	int r = join(w, tail, err);
 
 	if (!r)
-		r = write(w, err);
+		r = w->write(w, err);
 	return r ? r : contour_done(w->contour, err);
 }
 
@@ -210,9 +212,9 @@ void format_lines_tile(void *writer, const struct format_tiler *tiler)
 	((struct format_lines *)writer)->tiler = *tiler;
 }
 
-int format_lines_tiles(struct format_lines *w, const struct acut_mesh_tail *tail,
-		       int (*write)(struct format_lines *, struct err *), struct err *err)
+int format_lines_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
 {
+	struct format_lines *w = writer;
 	const struct format_tiler *t = &w->tiler;
 	struct outfile *mine = w->out;
 	int64_t at[2];
@@ -224,7 +226,7 @@ int format_lines_tiles(struct format_lines *w, const struct acut_mesh_tail *tail
 		if (r)
 			break;
 		w->lines = 0;
-		r = write(w, err);
+		r = w->write(w, err);
 		if (r)
 			t->drop(w->out);
 		else

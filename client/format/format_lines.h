@@ -1,5 +1,5 @@
 /*
- * Contours, for the formats that have them: GeoPackage, GeoJSON, DXF. Their writers are this one, with a function that writes the
+ * Contours, for the formats that have them: GeoPackage, GeoJSON, DXF. Their writers are this one, with a function that writes a
  * file when all lines are known.
  */
 #ifndef FORMAT_LINES_H
@@ -10,6 +10,7 @@
 
 struct format_lines {
 	struct outfile *out;
+	int (*write)(struct format_lines *, struct err *err); /* format_lines_next until there is none */
 	struct format_options opt;
 	struct contour *contour;
 	uint32_t index;            /* every so many levels; 0: none */
@@ -25,20 +26,20 @@ struct format_lines {
 	struct format_tiler tiler; /* most 0: one file */
 };
 
-int format_lines_open(struct outfile *, const struct format_options *, const char *name, void **ret, struct err *err);
+/* `name`: of the format. */
+int format_lines_open(struct outfile *, const struct format_options *, const char *name,
+		      int (*write)(struct format_lines *, struct err *), void **ret, struct err *err);
 int format_lines_head(void *writer, const struct acut_mesh_head *, struct err *err);
 int format_lines_block(void *writer, const struct format_block *, struct err *err);
 void format_lines_save(const void *writer, struct packer *);
 int format_lines_resume(void *writer, const struct acut_mesh_head *, struct cursor *, struct err *err);
 void *format_lines_free(void *writer);
-/* Joins the lines, has `write` write the file, and removes what is left of the pieces. */
-int format_lines_finish(struct format_lines *, const struct acut_mesh_tail *, int (*write)(struct format_lines *, struct err *),
-			struct err *err);
+/* Joins the lines, writes the file, and removes what is left of the pieces. */
+int format_lines_finish(void *writer, const struct acut_mesh_tail *, struct err *err);
 
-/* Before the head, and in place of format_lines_finish: `write` writes a file for each tile. */
+/* Before the head, and in place of format_lines_finish: a file for each tile. */
 void format_lines_tile(void *writer, const struct format_tiler *);
-int format_lines_tiles(struct format_lines *, const struct acut_mesh_tail *, int (*write)(struct format_lines *, struct err *),
-		       struct err *err);
+int format_lines_tiles(void *writer, const struct acut_mesh_tail *, struct err *err);
 /* contour_next, counted; and how many lines the files have. */
 int format_lines_next(struct format_lines *, struct contour_line *ret, struct err *err);
 uint64_t format_lines_count(const void *writer);
@@ -51,6 +52,11 @@ enum { FORMAT_LINES_NUMBER = 40 }; /* room for one as text */
 /* A coordinate with the decimals that tell doubles of its size apart, without zeros at the end. Returns the end. */
 char *format_lines_text(const struct format_lines *, double v, char *at);
 
-#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX | FORMAT_SIMPLIFY)
+/* What the rows of these formats have in common. */
+#define FORMAT_LINES_ROW                                                                                               \
+	.kind = FORMAT_LINES, .takes = FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX | FORMAT_SIMPLIFY, \
+	.positions = true, .head = format_lines_head, .block = format_lines_block, .finish = format_lines_finish,      \
+	.free = format_lines_free, .simplified = format_lines_simplified, .save = format_lines_save,                   \
+	.resume = format_lines_resume, .lines = format_lines_count, .tile = format_lines_tile, .tile_lines = format_lines_tiles
 
 #endif

@@ -19,25 +19,18 @@
 #include "err.h"
 #include "io.h"
 #include "lineset.h"
+#include "no_sync.h"
 #include "random.h"
 #include "repeat.h"
 #include "snap.h"
 
 static char path[128];
 static int dirfd = -1;
-static struct io_table quick;
 static struct err err;
-
-static int no_fsync(int fd)
-{
-	return 0;
-}
 
 static int make_folder(void **state)
 {
-	quick = io_system;
-	quick.fsync = no_fsync;
-	io = &quick;
+	no_sync();
 	repeat_folder(path, sizeof path, "breakline");
 	dirfd = open(path, O_RDONLY | O_DIRECTORY);
 	return dirfd < 0;

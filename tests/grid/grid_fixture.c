@@ -27,20 +27,6 @@ void check_ok(int rc, const struct err *err, const char *what, const char *file,
 
 /* ---- folders ---- */
 
-static int no_fsync(int fd)
-{
-	return 0;
-}
-
-void skip_fsync(void)
-{
-	static struct io_table table;
-
-	table = io_system;
-	table.fsync = no_fsync;
-	io = &table;
-}
-
 struct folder folder_new(void)
 {
 	struct folder f;

@@ -9,13 +9,11 @@
 #include "err.h"
 #include "grid.h"
 #include "grid_stage.h"
+#include "no_sync.h"
 #include "point.h"
 #include "random.h"
 
 /* ---- folders ---- */
-
-/* From now on fsync does nothing: these tests do not simulate power cuts, and fsync on a busy disk is slow. */
-void skip_fsync(void);
 
 struct folder {
 	char path[64];

@@ -372,6 +372,6 @@ int main(void)
 		cmocka_unit_test(test_box),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid", tests, NULL, NULL);
 }

@@ -376,6 +376,6 @@ int main(void)
 		cmocka_unit_test(test_stale),         cmocka_unit_test(test_run_flips),      cmocka_unit_test(test_out_of_place),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: damage", tests, NULL, NULL);
 }

@@ -110,6 +110,6 @@ int main(void)
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_passes), cmocka_unit_test(test_finds),
 					   cmocka_unit_test(test_range)};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: dumper", tests, NULL, NULL);
 }

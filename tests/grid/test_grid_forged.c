@@ -466,6 +466,6 @@ int main(void)
 		cmocka_unit_test(test_few),          cmocka_unit_test(test_full_blocks),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: forged", tests, NULL, NULL);
 }

@@ -278,6 +278,6 @@ int main(void)
 		cmocka_unit_test(test_tally), cmocka_unit_test(test_dump),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: generations", tests, NULL, NULL);
 }

@@ -345,7 +345,7 @@ static void test_lives(void **state)
 
 int main(void)
 {
-	skip_fsync();
+	no_sync();
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_lives)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

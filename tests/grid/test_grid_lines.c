@@ -30,7 +30,7 @@ struct lines {
 
 static int make_folder(void **state)
 {
-	skip_fsync();
+	no_sync();
 	f = folder_new();
 	return 0;
 }

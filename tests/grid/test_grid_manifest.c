@@ -618,6 +618,6 @@ int main(void)
 		cmocka_unit_test(test_load_charges),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: manifests", tests, NULL, NULL);
 }

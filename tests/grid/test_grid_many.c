@@ -200,6 +200,6 @@ int main(void)
 		cmocka_unit_test(test_threads),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -437,6 +437,6 @@ int main(void)
 		cmocka_unit_test(test_late_threads),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: ranges of keys", tests, NULL, NULL);
 }

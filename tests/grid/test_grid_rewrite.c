@@ -394,7 +394,7 @@ static void test_holds(void **state)
 
 int main(void)
 {
-	skip_fsync();
+	no_sync();
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_same),       cmocka_unit_test(test_ranges),   cmocka_unit_test(test_nothing),
 		cmocka_unit_test(test_too_little), cmocka_unit_test(test_given_up), cmocka_unit_test(test_damage),

@@ -555,6 +555,6 @@ int main(void)
 		cmocka_unit_test(test_suspended),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: seals", tests, NULL, NULL);
 }

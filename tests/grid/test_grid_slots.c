@@ -341,6 +341,6 @@ int main(void)
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_records), cmocka_unit_test(test_content),
 					   cmocka_unit_test(test_apart), cmocka_unit_test(test_table)};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -322,6 +322,6 @@ int main(void)
 		cmocka_unit_test(test_damage),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: stages that are left", tests, NULL, NULL);
 }

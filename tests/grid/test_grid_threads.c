@@ -157,6 +157,6 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads), cmocka_unit_test(test_cache)};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests_name("grid: threads", tests, NULL, NULL);
 }

@@ -19,23 +19,16 @@
 #include "io.h"
 #include "ledger.h"
 #include "lineset.h"
+#include "no_sync.h"
 #include "random.h"
 #include "repeat.h"
 
 static char path[128];
 static int dirfd = -1;
-static struct io_table quick;
-
-static int no_fsync(int fd)
-{
-	return 0;
-}
 
 static int make_folder(void **state)
 {
-	quick = io_system;
-	quick.fsync = no_fsync;
-	io = &quick;
+	no_sync();
 	repeat_folder(path, sizeof path, "lineset");
 	dirfd = open(path, O_RDONLY | O_DIRECTORY);
 	return dirfd < 0;

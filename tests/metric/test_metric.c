@@ -515,7 +515,7 @@ static void test_fuzz(void **unused)
 	uint64_t n = repeat_cases(1500), from = repeat_first();
 
 	(void)unused;
-	skip_fsync();
+	no_sync();
 	for (uint64_t i = 0; i < n; i++)
 		one_case(from + i);
 	print_message(

@@ -483,7 +483,7 @@ static void test_chains(void **state)
 	uint64_t n = repeat_cases(300), at = repeat_first();
 
 	(void)state;
-	skip_fsync();
+	no_sync();
 	for (uint64_t i = 0; i < n; i++) {
 		if (getenv("ACUT_FUZZ_TELL"))
 			fprintf(stderr, "%llu\n", (unsigned long long)(at + i));

@@ -138,6 +138,6 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_lines_that_come)};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -46,7 +46,7 @@ static void test_generations(void **state)
 	const unsigned cases = getenv("ACUT_SLOW") ? 200 : 25;
 
 	(void)state;
-	skip_fsync();
+	no_sync();
 	for (unsigned c = 1; c < cases; c++) {
 		struct set s;
 		struct generation old, new;
@@ -87,7 +87,7 @@ static void test_weights(void **state)
 	const unsigned cases = getenv("ACUT_SLOW") ? 200 : 20;
 
 	(void)state;
-	skip_fsync();
+	no_sync();
 	judged = found = hiding = 0;
 	for (unsigned c = 1; c < cases; c++) {
 		struct set s;

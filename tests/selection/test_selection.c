@@ -339,6 +339,6 @@ int main(void)
 		cmocka_unit_test(test_all_equal),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -313,6 +313,6 @@ int main(void)
 		cmocka_unit_test(test_key),
 	};
 
-	skip_fsync();
+	no_sync();
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

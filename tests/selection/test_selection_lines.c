@@ -241,7 +241,7 @@ static void test_random(void **state)
 {
 	uint64_t first = repeat_first();
 
-	skip_fsync();
+	no_sync();
 	for (uint64_t i = first; i < first + repeat_cases(200); i++)
 		one_case(i);
 }

@@ -479,7 +479,7 @@ int main(void)
 		cmocka_unit_test(test_many),      cmocka_unit_test(test_stars_continued),
 	};
 
-	skip_fsync();
+	no_sync();
 	rng = 7;
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

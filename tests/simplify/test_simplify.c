@@ -305,7 +305,7 @@ static void run_many(uint64_t usual, bool lines)
 {
 	uint64_t n = repeat_cases(usual), first = repeat_first();
 
-	skip_fsync();
+	no_sync();
 	cases = kept = positions = rounds = flats = out = controls = wrong = line_vertices = triangles = multi = near = 0;
 	fixture_settled = fixture_again = 0;
 	for (uint64_t i = 0; i < n; i++)
@@ -344,7 +344,7 @@ static void test_seams(void **state)
 	uint64_t n = repeat_cases(1000) / 8, wrong_seams = 0;
 
 	(void)state;
-	skip_fsync();
+	no_sync();
 	fixture_settled = 0;
 	for (uint64_t i = 0; i < n; i++) {
 		struct view view = VIEW_INIT;

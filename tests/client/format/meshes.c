@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "err.h"
+
 const struct meshes_spec meshes_many = {.columns = 60,
 					.rows = 41,
 					.strip = 7,
@@ -125,6 +127,29 @@ int meshes_send(const struct meshes *m, const struct acut_mesh_sink *sink, size_
 	for (size_t i = 0; i < m->nblock && i < nblock && !r; i++)
 		r = sink->block(sink->ctx, &m->block[i]);
 	return r || nblock < m->nblock ? r : sink->tail(sink->ctx, &m->tail);
+}
+
+int meshes_write(const struct meshes *m, const char *path, const struct format *f, const struct format_options *opt,
+		 const struct outputs_options *ropt, struct outputs_report *report, struct err *err)
+{
+	struct outputs *run = NULL;
+	struct acut_mesh_sink sink;
+	int r = outputs_new(ropt, &run, err);
+
+	if (!r)
+		r = outputs_add(run, path, f, opt, err);
+	if (!r) {
+		sink = outputs_sink(run);
+		r = meshes_send(m, &sink, SIZE_MAX);
+		if (r)
+			*err = *outputs_error(run);
+		else
+			r = outputs_publish(run, err);
+	}
+	if (!r && report)
+		outputs_report(run, report);
+	outputs_free(run);
+	return r;
 }
 
 void meshes_done(struct meshes *m)

@@ -2,7 +2,7 @@
 #ifndef MESHES_H
 #define MESHES_H
 
-#include "format.h"
+#include "outputs.h"
 
 struct meshes {
 	struct acut_mesh_head head;
@@ -29,6 +29,9 @@ struct format_options meshes_options(const struct format *);
 void meshes_make(struct meshes *, const struct meshes_spec *);
 /* Head, the first `nblock` blocks, and the tail if that is all of them; what the sink answered. */
 int meshes_send(const struct meshes *, const struct acut_mesh_sink *, size_t nblock);
+/* Writes it as one output, and publishes it; 0, or what failed. `report` may be NULL. */
+int meshes_write(const struct meshes *, const char *path, const struct format *, const struct format_options *,
+		 const struct outputs_options *, struct outputs_report *report, struct err *);
 void meshes_done(struct meshes *);
 
 #endif

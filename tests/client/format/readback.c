@@ -41,27 +41,6 @@ const struct meshes_spec readback_large = {.columns = 300,
 					   .scale_z = "0.001",
 					   .k = {50000000, 400000000, -12}};
 
-static int write_to(const char *path, const char *format, const struct meshes *m, const struct format_options *opt,
-		    const struct outputs_options *ropt, struct err *err)
-{
-	struct outputs *run = NULL;
-	struct acut_mesh_sink sink;
-	int r = outputs_new(ropt, &run, err);
-
-	if (!r)
-		r = outputs_add(run, path, format_find(format), opt, err);
-	if (!r) {
-		sink = outputs_sink(run);
-		r = meshes_send(m, &sink, SIZE_MAX);
-		if (r)
-			*err = *outputs_error(run);
-		else
-			r = outputs_publish(run, err);
-	}
-	outputs_free(run);
-	return r;
-}
-
 static char *path_of(const char *name, char buf[512])
 {
 	snprintf(buf, 512, "%s/%s", dir, name);
@@ -74,7 +53,7 @@ int readback_write_with(const char *format, const char *name, const struct meshe
 	char path[512];
 
 	*err = ERR_INIT;
-	return write_to(path_of(name, path), format, m, opt, ropt, err);
+	return meshes_write(m, path_of(name, path), format_find(format), opt, ropt, NULL, err);
 }
 
 int readback_write(const char *format, const char *name, const struct meshes *m, const struct format_options *opt,
@@ -125,7 +104,7 @@ char *readback_piped(const char *format, const struct meshes *m, const struct fo
 	if (!pid) {
 		dup2(fd[1], STDOUT_FILENO);
 		close(fd[0]);
-		_exit(-write_to("-", format, m, opt, &plain, &err));
+		_exit(-meshes_write(m, "-", format_find(format), opt, &plain, NULL, &err));
 	}
 	close(fd[1]);
 	text = all_of(fdopen(fd[0], "rb"), ret_size);

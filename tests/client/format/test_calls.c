@@ -193,20 +193,9 @@ static unsigned beside(void)
 static int write_mesh(const struct format *f, const struct format_options *opt, const struct meshes *m, const char *path)
 {
 	const struct outputs_options ropt = {.sort_memory = 1 << 20};
-	struct acut_mesh_sink sink;
 	struct err err = ERR_INIT;
-	struct outputs *run;
-	int r = outputs_new(&ropt, &run, &err);
 
-	assert_int_equal(r, 0);
-	r = outputs_add(run, path, f, opt, &err);
-	sink = outputs_sink(run);
-	if (!r)
-		r = meshes_send(m, &sink, SIZE_MAX);
-	if (!r)
-		r = outputs_publish(run, &err);
-	outputs_free(run);
-	return r;
+	return meshes_write(m, path, f, opt, &ropt, NULL, &err);
 }
 
 /* ---- all rows, and in canonical order ---- */

@@ -18,6 +18,7 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "folder.h"
 #include "outputs.h"
 #include "io.h"
 #include "meshes.h"
@@ -33,20 +34,6 @@ static const struct meshes_spec one = {.columns = 2, .rows = 2, .strip = 1, .ste
 static const struct meshes_spec line = {
 	.columns = 1, .rows = 300, .strip = 299, .x0 = 5, .step = 7, .scale_xy = "0.01", .scale_z = "0.01"};
 static const struct meshes_spec none = {.scale_xy = "0.01", .scale_z = "0.01"};
-
-/* Files in the folder; nothing hidden may stay behind. */
-static int files(void)
-{
-	DIR *d = opendir(dir);
-	struct dirent *e;
-	int n = 0;
-
-	assert_non_null(d);
-	while ((e = readdir(d)))
-		n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
-	closedir(d);
-	return n;
-}
 
 static char *path_of(const char *name)
 {
@@ -246,7 +233,7 @@ static void meshes_whole(const struct format *f, const struct format_options *op
 
 		meshes_make(&m, spec[i]);
 		assert_int_equal(write_mesh(f, &m, path_of("out"), opt, &ropt, SIZE_MAX, &err), 0);
-		assert_int_equal(files(), 1);
+		assert_int_equal(folder_count(dir), 1);
 		assert_int_equal(stat(path_of("out"), &st), 0);
 		assert_true(st.st_size > 0);
 		meshes_done(&m);
@@ -273,7 +260,7 @@ static void stopped(const struct format *f, const struct format_options *opt)
 	for (size_t n = 0; n < 4; n++)
 		assert_int_equal(write_mesh(f, &m, path_of("out"), opt, &ropt, n, &err), 0);
 	meshes_done(&m);
-	assert_int_equal(files(), 1);
+	assert_int_equal(folder_count(dir), 1);
 	old = fopen(path_of("out"), "r");
 	assert_non_null(fgets(text, sizeof(text), old));
 	fclose(old);
@@ -311,7 +298,7 @@ static void full_disk(const struct format *f, const struct format_options *opt)
 		assert_true(r < 0);
 		assert_int_equal(err_exit_status(err.code), 74);
 		assert_non_null(strstr(err.file, "out"));
-		assert_int_equal(files(), 0);
+		assert_int_equal(folder_count(dir), 0);
 	}
 	meshes_done(&m);
 }
@@ -353,7 +340,7 @@ static void to_pipe(const struct format *f, const struct format_options *opt)
 	assert_int_equal(waitpid(pid, &status, 0), pid);
 	assert_int_equal(status, 0);
 	assert_true(total > 150);
-	assert_int_equal(files(), 0);
+	assert_int_equal(folder_count(dir), 0);
 	meshes_done(&m);
 }
 
@@ -394,7 +381,7 @@ static void clobber(const struct format *f, const struct format_options *opt)
 	assert_int_equal(write_mesh(f, &m, path_of("out"), &keep, &ropt, SIZE_MAX, &err), 0);
 	assert_int_equal(write_mesh(f, &m, path_of("out"), &keep, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	assert_int_equal(write_mesh(f, &m, path_of("gone/out"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
-	assert_int_equal(files(), 1);
+	assert_int_equal(folder_count(dir), 1);
 	meshes_done(&m);
 }
 
@@ -419,7 +406,7 @@ static void through_link(const struct format *f, const struct format_options *op
 	assert_true(S_ISLNK(st.st_mode));
 	assert_int_equal(lstat(path_of("real"), &st), 0);
 	assert_true(st.st_size > 0);
-	assert_int_equal(files(), 2);
+	assert_int_equal(folder_count(dir), 2);
 	meshes_done(&m);
 }
 
@@ -439,7 +426,7 @@ static void test_finished_vertex(void **state)
 	meshes_make(&m, &meshes_many);
 	memset((void *)m.block[0].final, 0xff, (m.block[0].nnew + 7) / 8);
 	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_PROTO);
-	assert_int_equal(files(), 0);
+	assert_int_equal(folder_count(dir), 0);
 	meshes_done(&m);
 }
 
@@ -474,7 +461,7 @@ static void test_wrong_options(void **state)
 	err = ERR_INIT;
 	assert_int_equal(write_mesh(format_find("geojson"), &m, path_of("out"), &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
 	assert_non_null(strstr(err.message, "--changed-since"));
-	assert_int_equal(files(), 0);
+	assert_int_equal(folder_count(dir), 0);
 	meshes_done(&m);
 }
 
@@ -535,7 +522,7 @@ static void test_nothing(void **state)
 		outputs_free(run);
 	}
 	assert_true(nothing > 0);
-	assert_int_equal(files(), 0);
+	assert_int_equal(folder_count(dir), 0);
 	/* a tail that counts what did not come */
 	m.tail.vertices++;
 	for (size_t i = 0; i < n; i++) {

@@ -1,6 +1,5 @@
 /* Outputs in parts: the files, the index and the report of those that several processes make and one joins are those of one
  * process; joining can be done again; parts that are damaged or gone are refused; nothing of a part is left. */
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <setjmp.h>
@@ -14,6 +13,7 @@
 
 #include "digest.h"
 #include "err.h"
+#include "folder.h"
 #include "io.h"
 #include "outfile.h"
 #include "outputs.h"
@@ -168,19 +168,6 @@ static char *path_of(const char *name, char buf[512])
 	return buf;
 }
 
-static int entries(const char *path)
-{
-	DIR *d = opendir(path);
-	struct dirent *e;
-	int n = 0;
-
-	while (d && (e = readdir(d)))
-		n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
-	if (d)
-		closedir(d);
-	return d ? n : -1;
-}
-
 static bool same(const char *a, const char *b)
 {
 	char command[1200];
@@ -235,8 +222,8 @@ static void both(const struct job *j, const struct meshes *m)
 	assert_true(same(a, b));
 	same_report(&one, &two);
 	same_report(&one, &again);
-	assert_int_equal(entries(j->side || j->levels ? out : b),
-			 entries(j->side || j->levels ? strcat(strcat(a, "/"), file) : a));
+	assert_int_equal(folder_count(j->side || j->levels ? out : b),
+			 folder_count(j->side || j->levels ? strcat(strcat(a, "/"), file) : a));
 	snprintf(out, sizeof(out), "rm -r %s/one %s/two", dir, dir);
 	assert_int_equal(system(out), 0);
 }
@@ -402,7 +389,7 @@ static void test_given_up(void **state)
 	sink = outputs_sink(run);
 	assert_int_equal(meshes_send(&m, &sink, 2), 0);
 	outputs_free(run);
-	assert_int_equal(entries(out), 0);
+	assert_int_equal(folder_count(out), 0);
 	meshes_done(&m);
 }
 

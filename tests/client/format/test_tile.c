@@ -1,6 +1,5 @@
 /* Tiles: the same files whatever the memory, also of a tile that does not fit it; what comes back from the sort is what
  * went in; the folder is as it was when nothing was published; a stream that does not keep to its own box. */
-#include <dirent.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -11,6 +10,7 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "folder.h"
 #include "outputs.h"
 #include "meshes.h"
 #include "no_sync.h"
@@ -27,19 +27,6 @@ static char *path_of(const char *name, char buf[512])
 	return buf;
 }
 
-static int count(const char *path)
-{
-	DIR *d = opendir(path);
-	struct dirent *e;
-	int n = 0;
-
-	while (d && (e = readdir(d)))
-		n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
-	if (d)
-		closedir(d);
-	return d ? n : -1;
-}
-
 static int stop_after;
 
 static int stop(void *ctx)
@@ -52,65 +39,9 @@ static int write_tiles(const struct meshes *m, const char *out, const char *form
 {
 	struct outputs_options ropt = {.tiled = true, .sort_memory = memory, .interrupted = stop};
 	const struct format_options opt = {.width = strcmp(format, "png") ? 0 : 50};
-	struct outputs *run = NULL;
-	struct acut_mesh_sink sink;
-	int r;
 
 	assert_true(decimal_parse(side, &ropt.tile));
-	r = outputs_new(&ropt, &run, err);
-	if (!r)
-		r = outputs_add(run, out, format_find(format), &opt, err);
-	if (!r) {
-		sink = outputs_sink(run);
-		r = meshes_send(m, &sink, SIZE_MAX);
-		if (r)
-			*err = *outputs_error(run);
-	}
-	if (!r)
-		r = outputs_publish(run, err);
-	if (!r)
-		outputs_report(run, report);
-	outputs_free(run);
-	return r;
-}
-
-static char *read_all(const char *folder, const char *name, size_t *ret)
-{
-	char path[1024], *text;
-	FILE *f;
-
-	snprintf(path, sizeof(path), "%s/%s", folder, name);
-	f = fopen(path, "rb");
-	assert_non_null(f);
-	fseek(f, 0, SEEK_END);
-	*ret = (size_t)ftell(f);
-	rewind(f);
-	text = calloc(1, *ret + 1);
-	assert_int_equal(fread(text, 1, *ret, f), *ret);
-	fclose(f);
-	return text;
-}
-
-static void same_folder(const char *a, const char *b)
-{
-	DIR *d = opendir(a);
-	struct dirent *e;
-
-	assert_int_equal(count(a), count(b));
-	while ((e = readdir(d))) {
-		size_t na, nb;
-		char *ta, *tb;
-
-		if (e->d_name[0] == '.')
-			continue;
-		ta = read_all(a, e->d_name, &na);
-		tb = read_all(b, e->d_name, &nb);
-		assert_int_equal(na, nb);
-		assert_memory_equal(ta, tb, na);
-		free(ta);
-		free(tb);
-	}
-	closedir(d);
+	return meshes_write(m, out, format_find(format), &opt, &ropt, report, err);
 }
 
 static void test_memory(void **state)
@@ -130,10 +61,10 @@ static void test_memory(void **state)
 		assert_int_equal(write_tiles(&m, path_of(name, a), format[i % 3], side[i / 3], 0, &large, &err), 0);
 		snprintf(name, sizeof(name), "little%u", i);
 		assert_int_equal(write_tiles(&m, path_of(name, b), format[i % 3], side[i / 3], 256 << 10, &little, &err), 0);
-		assert_int_equal(large.tiles + 1, count(a));
+		assert_int_equal(large.tiles + 1, folder_count(a));
 		assert_int_equal(large.bytes, little.bytes);
 		assert_true(i / 3 == 0 ? large.tiles == 2 : large.tiles > 10);
-		same_folder(a, b);
+		folder_same(a, b);
 	}
 	meshes_done(&m);
 }
@@ -151,7 +82,7 @@ static void test_interrupted(void **state)
 
 		stop_after = n;
 		assert_int_equal(write_tiles(&m, path_of("stopped", a), "ply", "3.2", 0, &report, &err), -ERR_CANCELLED);
-		assert_int_equal(count(a), -1);
+		assert_int_equal(folder_count(a), -1);
 	}
 	stop_after = -1;
 	meshes_done(&m);
@@ -168,7 +99,7 @@ static void test_outside(void **state)
 	m.head.box[3] -= 1000;
 	assert_int_equal(write_tiles(&m, path_of("outside", a), "ply", "1", 0, &report, &err), -ERR_PROTO);
 	assert_non_null(strstr(err.message, "outside of the box"));
-	assert_int_equal(count(a), -1);
+	assert_int_equal(folder_count(a), -1);
 	meshes_done(&m);
 }
 
@@ -208,7 +139,7 @@ static void test_numbers(void **state)
 	meshes_make(&m, &far);
 	assert_int_equal(write_tiles(&m, path_of("far", a), "obj", "4611686018427387904", 0, &report, &err), 0);
 	assert_int_equal(report.tiles, 1);
-	text = read_all(a, "index.geojson", &n);
+	text = folder_read(a, "index.geojson", &n);
 	assert_non_null(strstr(text, "\"column\":0,\"row\":-1"));
 	free(text);
 	assert_int_equal(write_tiles(&m, path_of("small", a), "obj", "0.000000001", 0, &report, &err), -ERR_USAGE);

@@ -29,25 +29,9 @@ int written_as(const char *name, const struct meshes *m, const struct format_opt
 	       struct outputs_report *report, struct err *err)
 {
 	const struct outputs_options plain = {0};
-	struct outputs *run = NULL;
-	struct acut_mesh_sink sink;
-	int r = outputs_new(ropt ? ropt : &plain, &run, err);
 
 	snprintf(out, sizeof(out), "%s/out.%s", dir, name);
-	if (!r)
-		r = outputs_add(run, out, format_find(name), opt, err);
-	if (!r) {
-		sink = outputs_sink(run);
-		r = meshes_send(m, &sink, SIZE_MAX);
-		if (r)
-			*err = *outputs_error(run);
-		else
-			r = outputs_publish(run, err);
-	}
-	if (!r && report)
-		outputs_report(run, report);
-	outputs_free(run);
-	return r;
+	return meshes_write(m, out, format_find(name), opt, ropt ? ropt : &plain, report, err);
 }
 
 const char *written_path(void)

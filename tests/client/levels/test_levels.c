@@ -1,6 +1,5 @@
 /* Levels of detail: the same files whatever the order of triangles, the memory and the blocks; a folder as it was where anything
  * fails; what is no mesh is refused. What the tiles have is compared with the mesh by tests/formats/levels.py. */
-#include <dirent.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -13,6 +12,7 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "folder.h"
 #include "levels.h"
 #include "meshes.h"
 #include "outfile.h"
@@ -31,60 +31,6 @@ static char *path_of(const char *name, char buf[512])
 {
 	snprintf(buf, 512, "%s/%s", dir, name);
 	return buf;
-}
-
-/* -1: there is no such folder. */
-static int count(const char *path)
-{
-	DIR *d = opendir(path);
-	struct dirent *e;
-	int n = 0;
-
-	while (d && (e = readdir(d)))
-		n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
-	if (d)
-		closedir(d);
-	return d ? n : -1;
-}
-
-static char *read_all(const char *folder, const char *name, size_t *ret)
-{
-	char path[1024], *text;
-	FILE *f;
-
-	snprintf(path, sizeof(path), "%s/%s", folder, name);
-	f = fopen(path, "rb");
-	assert_non_null(f);
-	fseek(f, 0, SEEK_END);
-	*ret = (size_t)ftell(f);
-	rewind(f);
-	text = calloc(1, *ret + 1);
-	assert_int_equal(fread(text, 1, *ret, f), *ret);
-	fclose(f);
-	return text;
-}
-
-static void same_folder(const char *a, const char *b)
-{
-	DIR *d = opendir(a);
-	struct dirent *e;
-
-	assert_non_null(d);
-	assert_int_equal(count(a), count(b));
-	while ((e = readdir(d))) {
-		size_t na, nb;
-		char *ta, *tb;
-
-		if (!strcmp(e->d_name, ".") || !strcmp(e->d_name, ".."))
-			continue;
-		ta = read_all(a, e->d_name, &na);
-		tb = read_all(b, e->d_name, &nb);
-		assert_int_equal(na, nb);
-		assert_memory_equal(ta, tb, na);
-		free(ta);
-		free(tb);
-	}
-	closedir(d);
 }
 
 static void sweep(const char *folder)
@@ -189,7 +135,7 @@ static void test_order_and_memory(void **state)
 	for (int i = 0; i < 2; i++) {
 		make(path_of("other", b), i ? 7 : 3599, i ? 0 : 1, &other);
 		assert_string_equal(first, other);
-		same_folder(a, b);
+		folder_same(a, b);
 		sweep(b);
 		free(other);
 	}
@@ -214,7 +160,7 @@ static void test_what_is_no_mesh(void **state)
 	assert_int_equal(levels_make(f.levels, "00", &err), -ERR_PROTO);
 	assert_non_null(strstr(err.message, "overlap"));
 	folder_close(&f);
-	assert_int_equal(count(path), -1);
+	assert_int_equal(folder_count(path), -1);
 }
 
 /* ---- the folder ---- */
@@ -266,11 +212,11 @@ static void test_whole(void **state)
 		meshes_make(&m, spec[i]);
 		assert_int_equal(write_folder(&m, path_of(place, a), SIZE_MAX, false, &report, &err), 0);
 		assert_int_equal(report.tiles, i > 1);
-		assert_int_equal(count(a), 1 + (i > 1));
+		assert_int_equal(folder_count(a), 1 + (i > 1));
 		assert_true(report.bytes > 0);
 		meshes_done(&m);
 	}
-	same_folder(path_of("2/survey", a), path_of("3/survey", b));
+	folder_same(path_of("2/survey", a), path_of("3/survey", b));
 }
 
 /* It stays as it was: where there was none, where there was one, before the tail, at each moment of the making, with a full disk.
@@ -286,14 +232,14 @@ static void unchanged(const struct meshes *m, const char *path, const char *was)
 		struct err err = ERR_INIT;
 
 		assert_int_equal(write_folder(m, path, n, false, &report, &err), 0);
-		assert_int_equal(count(path), was ? 2 : -1);
+		assert_int_equal(folder_count(path), was ? 2 : -1);
 	}
 	for (int i = 0; i < 4; i++) {
 		struct err err = ERR_INIT;
 
 		stop_after = i;
 		assert_int_equal(write_folder(m, path, SIZE_MAX, false, &report, &err), -ERR_CANCELLED);
-		assert_int_equal(count(path), was ? 2 : -1);
+		assert_int_equal(folder_count(path), was ? 2 : -1);
 	}
 	stop_after = -1;
 	signal(SIGXFSZ, SIG_IGN);
@@ -308,10 +254,10 @@ static void unchanged(const struct meshes *m, const char *path, const char *was)
 		assert_int_equal(setrlimit(RLIMIT_FSIZE, &old), 0);
 		assert_true(r < 0);
 		assert_int_equal(err_exit_status(err.code), 74);
-		assert_int_equal(count(path), was ? 2 : -1);
+		assert_int_equal(folder_count(path), was ? 2 : -1);
 	}
 	if (was) {
-		text = read_all(path, "index.html", &n);
+		text = folder_read(path, "index.html", &n);
 		assert_string_equal(text, was);
 		free(text);
 	}
@@ -328,14 +274,14 @@ static void test_failures_change_nothing(void **state)
 	meshes_make(&m, &meshes_many);
 	unchanged(&m, path_of("kept", path), NULL);
 	assert_int_equal(write_folder(&m, path, SIZE_MAX, false, &report, &err), 0);
-	was = read_all(path, "index.html", &n);
+	was = folder_read(path, "index.html", &n);
 	unchanged(&m, path, was);
 	assert_int_equal(write_folder(&m, path, SIZE_MAX, true, &report, &err), -ERR_USAGE);
 	assert_int_equal(unlink(strcat(path, "/index.html")), 0);
 	path_of("kept", path);
 	err = ERR_INIT;
 	assert_int_equal(write_folder(&m, path, SIZE_MAX, true, &report, &err), -ERR_USAGE); /* its tile */
-	assert_int_equal(count(path), 1);
+	assert_int_equal(folder_count(path), 1);
 	free(was);
 	meshes_done(&m);
 }

@@ -1,0 +1,67 @@
+/* What is in the folders that tests write. */
+#ifndef FOLDER_H
+#define FOLDER_H
+
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Entries of a folder, hidden ones, too; -1: there is no such folder. */
+static inline int folder_count(const char *path)
+{
+	DIR *d = opendir(path);
+	struct dirent *e;
+	int n = 0;
+
+	if (!d)
+		return -1;
+	while ((e = readdir(d)))
+		n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
+	closedir(d);
+	return n;
+}
+
+/* The bytes of a file and a zero, to be freed. */
+static inline char *folder_read(const char *folder, const char *name, size_t *ret_size)
+{
+	char path[1024], *text;
+	FILE *f;
+
+	snprintf(path, sizeof(path), "%s/%s", folder, name);
+	f = fopen(path, "rb");
+	assert_non_null(f);
+	fseek(f, 0, SEEK_END);
+	*ret_size = (size_t)ftell(f);
+	rewind(f);
+	text = calloc(1, *ret_size + 1);
+	assert_int_equal(fread(text, 1, *ret_size, f), *ret_size);
+	fclose(f);
+	return text;
+}
+
+/* The folders have the same files, of the same bytes, and no folders. */
+static inline void folder_same(const char *a, const char *b)
+{
+	DIR *d = opendir(a);
+	struct dirent *e;
+
+	assert_non_null(d);
+	assert_int_equal(folder_count(a), folder_count(b));
+	while ((e = readdir(d))) {
+		size_t na, nb;
+		char *ta, *tb;
+
+		if (!strcmp(e->d_name, ".") || !strcmp(e->d_name, ".."))
+			continue;
+		ta = folder_read(a, e->d_name, &na);
+		tb = folder_read(b, e->d_name, &nb);
+		assert_int_equal(na, nb);
+		assert_memory_equal(ta, tb, na);
+		free(ta);
+		free(tb);
+	}
+	closedir(d);
+}
+
+#endif
