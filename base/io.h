@@ -5,6 +5,7 @@
 #ifndef IO_H
 #define IO_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -65,6 +66,8 @@ int io_remove(int dirfd, const char *path, struct err *err); /* success if it do
 int io_folder_remove(int dirfd, const char *name, struct err *err);
 int io_folder_empty(int dirfd, struct err *err);
 int io_folder_sweep(int dirfd, const char *prefix, struct err *err);
+/* The same, until another thread sets *stop: -ERR_CANCELLED. */
+int io_folder_sweep_until(int dirfd, const char *prefix, const atomic_bool *stop, struct err *err);
 int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err); /* success if it exists */
 /* Calls `each` for every entry except "." and "..", until it returns non-zero, which is returned. `each` may remove
  * entries. A folder that cannot be read to its end is an error. */

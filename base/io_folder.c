@@ -15,7 +15,15 @@
 
 #include "err.h"
 
-int io_folder_remove(int dirfd, const char *name, struct err *err)
+struct sweep {
+	int dirfd;
+	const char *prefix;
+	const atomic_bool *stop; /* NULL: never */
+};
+
+static int sweep(struct sweep s, struct err *err);
+
+static int folder_remove(int dirfd, const char *name, const atomic_bool *stop, struct err *err)
 {
 	int sub, r;
 
@@ -26,30 +34,40 @@ int io_folder_remove(int dirfd, const char *name, struct err *err)
 	r = io_open(dirfd, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &sub, err);
 	if (r)
 		return r;
-	r = io_folder_empty(sub, err);
+	r = sweep((struct sweep){sub, "", stop}, err);
 	io_close(sub);
 	if (!r && io->unlinkat(dirfd, name, AT_REMOVEDIR) != 0)
 		r = err_sys(err, errno, "cannot remove the folder %s", name);
 	return r;
 }
 
-struct sweep {
-	int dirfd;
-	const char *prefix;
-};
-
 static int remove_entry(void *ctx, const struct dirent *e, struct err *err)
 {
 	const struct sweep *s = ctx;
 
-	return strncmp(e->d_name, s->prefix, strlen(s->prefix)) ? 0 : io_folder_remove(s->dirfd, e->d_name, err);
+	if (s->stop && atomic_load(s->stop))
+		return err_set(err, ERR_CANCELLED, "ended before all was removed");
+	return strncmp(e->d_name, s->prefix, strlen(s->prefix)) ? 0 : folder_remove(s->dirfd, e->d_name, s->stop, err);
+}
+
+static int sweep(struct sweep s, struct err *err)
+{
+	return io_list(s.dirfd, ".", remove_entry, &s, err);
+}
+
+int io_folder_remove(int dirfd, const char *name, struct err *err)
+{
+	return folder_remove(dirfd, name, NULL, err);
 }
 
 int io_folder_sweep(int dirfd, const char *prefix, struct err *err)
 {
-	struct sweep s = {dirfd, prefix};
+	return sweep((struct sweep){dirfd, prefix, NULL}, err);
+}
 
-	return io_list(dirfd, ".", remove_entry, &s, err);
+int io_folder_sweep_until(int dirfd, const char *prefix, const atomic_bool *stop, struct err *err)
+{
+	return sweep((struct sweep){dirfd, prefix, stop}, err);
 }
 
 int io_folder_empty(int dirfd, struct err *err)

@@ -1,6 +1,8 @@
 /* The length and code of a UTF-8 character. What to do with invalid bytes is left to the caller. */
 #include "utf8.h"
 
+#include <string.h>
+
 size_t utf8_length(const void *s, size_t left)
 {
 	const uint8_t *p = s;
@@ -38,4 +40,14 @@ uint32_t utf8_code(const void *s, size_t length)
 	for (size_t i = 1; i < length; i++)
 		c = c << 6 | (p[i] & 0x3fu);
 	return c;
+}
+
+const char *utf8_end(const char *text, size_t most)
+{
+	size_t size = strlen(text);
+	const char *end = size > most ? text + size - most : text;
+
+	while ((*end & 0xC0) == 0x80) /* the middle of a character */
+		end++;
+	return end;
 }

@@ -12,5 +12,7 @@ size_t utf8_length(const void *s, size_t left);
 size_t utf8_printable(const void *s, size_t left);
 /* The code of the character at `s`, whose utf8_length is `length`. */
 uint32_t utf8_code(const void *s, size_t length);
+/* The last characters of a valid text, in at most `most` bytes. */
+const char *utf8_end(const char *text, size_t most);
 
 #endif

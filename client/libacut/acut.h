@@ -138,7 +138,8 @@ struct acut_progress {
 	uint64_t points, points_total, domains, domains_total;
 	double seconds_left; /* of a job, at the pace of late, without waiting; 0: not known */
 	const char
-		*waiting; /* what a job waits for, in words; "stalled-file: NAME": a file of a push gives nothing; "": nothing */
+		*waiting; /* what a job waits for, in words; "stalled-file: NAME": a file of a push gives nothing; "stalled-files:
+			   * N": N files of other pushes of the user do, and no more are read meanwhile; "": nothing */
 };
 typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 

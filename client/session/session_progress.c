@@ -43,7 +43,7 @@ const char *session_progress_time(double s, char buf[24])
 /* What the job waits for, in the words of the command jobs. */
 static const char *waits_text(const char *waiting, char buf[320])
 {
-	static const char space[] = "waiting-space: ", file[] = "stalled-file: ";
+	static const char space[] = "waiting-space: ", file[] = "stalled-file: ", files[] = "stalled-files: ";
 	uint64_t bytes;
 	char size[32];
 
@@ -51,6 +51,8 @@ static const char *waits_text(const char *waiting, char buf[320])
 		snprintf(buf, 320, "%s of disk space are lacking", parse_size_text(bytes, size));
 	else if (!strncmp(waiting, file, sizeof(file) - 1))
 		snprintf(buf, 320, "%s gives nothing", waiting + sizeof(file) - 1);
+	else if (!strncmp(waiting, files, sizeof(files) - 1))
+		snprintf(buf, 320, "waits for other files of yours: %.20s give nothing", waiting + sizeof(files) - 1);
 	else
 		snprintf(buf, 320, "waits for %.100s", waiting);
 	return buf;
@@ -70,7 +72,8 @@ static void note_space(struct session_progress *p, const struct acut_progress *n
 /* Noted once: it may last until somebody mends the file system. */
 static void note_file(struct session_progress *p, const struct acut_progress *now)
 {
-	static const char file[] = "stalled-file: ";
+	static const char file[] = "stalled-file: ", files[] = "stalled-files: ";
+	bool others = now->waiting && !strncmp(now->waiting, files, sizeof(files) - 1);
 	bool stalled = now->waiting && !strncmp(now->waiting, file, sizeof(file) - 1);
 
 	if (stalled && !p->printed_file)
@@ -78,7 +81,10 @@ static void note_file(struct session_progress *p, const struct acut_progress *no
 			&p->session->console,
 			"%s gives nothing: does the file system that it is on answer? It is waited for; Ctrl-C ends the push",
 			now->waiting + sizeof(file) - 1);
-	p->printed_file = stalled;
+	if (others && !p->printed_file)
+		console_note(&p->session->console, "this push waits: %.20s files of yours give nothing, and no more may at once",
+			     now->waiting + sizeof(files) - 1);
+	p->printed_file = stalled || others;
 }
 
 static void draw(struct session_progress *p, const struct acut_progress *now)

@@ -8,10 +8,13 @@
 #include "catalogue_priv.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "err.h"
+#include "log.h"
 #include "progress.h"
 
 enum { CHECKPOINT_PAGES = 256 };
@@ -109,6 +112,22 @@ static int on_instructions(void *ctx)
 	return 0; /* continue */
 }
 
+/* SQLite maps the index of its log, and gives each page one block only. Where blocks are smaller than pages, or a change needs
+ * new ones, a full disk would end the process by SIGBUS. Closing the descriptor releases SQLite's locks, so it stays as long as
+ * these. Without it nothing else changes. */
+static void reserve_index(struct catalogue *c, const char *path)
+{
+	enum { BYTES = 64 << 10 /* twice what CHECKPOINT_PAGES need */ };
+	char name[620];
+	int fd;
+
+	snprintf(name, sizeof name, "%s-shm", path);
+	fd = open(name, O_RDWR | O_NOFOLLOW | O_CLOEXEC);
+	if (fd >= 0 && fallocate(fd, 0, 0, BYTES) != 0)
+		log_debug("no blocks are reserved for %s: %s", name, strerror(errno));
+	c->index = fd + 1;
+}
+
 int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 {
 	int r, version = 0;
@@ -141,6 +160,8 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 	if (!r)
 		r = catalogue_run(c, "PRAGMA wal_checkpoint(TRUNCATE)", err);
 	if (!r)
+		reserve_index(c, path);
+	if (!r)
 		sqlite3_wal_hook(c->db, on_wal, c);
 	if (!r && beside)
 		catalogue_check_begin(c);
@@ -157,6 +178,9 @@ void catalogue_close(struct catalogue *c)
 		c->stmt[i] = (sqlite3_finalize(c->stmt[i]), NULL);
 	sqlite3_close(c->db);
 	c->db = NULL;
+	if (c->index)
+		close(c->index - 1);
+	c->index = 0;
 }
 
 /* Keeps the first line of an answer. */

@@ -39,6 +39,7 @@ struct change {
 struct catalogue {
 	sqlite3 *db; /* NULL: closed, after an error of the disk */
 	char *path;
+	int index;      /* a descriptor of the index of the log, plus 1; 0: none */
 	bool io_failed; /* of the thread: a change was interrupted by an error since the database was opened */
 	atomic_bool uncertain;
 	sqlite3_stmt *stmt[CATALOGUE_SQLS];

@@ -136,7 +136,9 @@ static void sweep_run(struct sched_task *t)
 {
 	struct err err = ERR_INIT;
 
-	if (io_folder_sweep(((struct sweep *)t)->core->p.cachefd, old_prefix, &err))
+	int r = io_folder_sweep_until(((struct sweep *)t)->core->p.cachefd, old_prefix, &t->cancel, &err);
+
+	if (r && r != -ERR_CANCELLED)
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start",
 			      &err);
 }

@@ -214,6 +214,7 @@ static int on_progress(void *ctx, uint64_t points)
 {
 	struct inspect *a = ctx;
 
+	atomic_fetch_add(&a->task.beats, 1);
 	return atomic_load(&a->task.cancel);
 }
 
@@ -298,6 +299,7 @@ static void submit_records(struct inspect *a)
 		.owner = a->task.owner,
 		.lengthy = true,
 		.reads = true,
+		.watched = true,
 		.priority = SCHED_NORMAL,
 		.name = LEDGER_STAGE,
 		.bytes = STAGE_BYTES + sizeof *a->result + pipe_inspect_bytes() + input_bytes() + a->info.read_bytes,
@@ -351,6 +353,7 @@ static struct inspect *inspect_new(struct core *core, const struct inspect_input
 		.done = inspect_done,
 		.owner = {.uid = peer->uid, .flow = ++core->last_flow},
 		.reads = true,
+		.watched = true,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
 		.bytes = input_bytes(),

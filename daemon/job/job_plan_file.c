@@ -90,7 +90,7 @@ static bool jobs_keep(void *ctx, uint64_t job)
 
 static void sweep_log(int r, const struct err *err)
 {
-	if (r)
+	if (r && r != -ERR_CANCELLED)
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "plans of removed jobs stay until the next start", err);
 }
 
@@ -99,7 +99,7 @@ static void sweep_run(struct sched_task *t)
 	struct sweep *s = (struct sweep *)t;
 	struct err err = ERR_INIT;
 
-	sweep_log(plan_file_sweep(s->jobs->core->plansfd, s->last, sweep_keeps, s, &err), &err);
+	sweep_log(plan_file_sweep(s->jobs->core->plansfd, s->last, sweep_keeps, s, &t->cancel, &err), &err);
 }
 
 static void sweep_done(struct sched_task *t)
@@ -126,7 +126,7 @@ void job_plan_file_sweep(struct jobs *j)
 	}
 	err_clear(&err);
 	if (!s) {
-		sweep_log(plan_file_sweep(j->core->plansfd, j->last_job, jobs_keep, j, &err), &err);
+		sweep_log(plan_file_sweep(j->core->plansfd, j->last_job, jobs_keep, j, NULL, &err), &err);
 		return;
 	}
 	*s = (struct sweep){.jobs = j, .n = n, .last = j->last_job};

@@ -85,6 +85,7 @@ static int adopt_all(struct cache_adopt *a, const struct store_pack *pack)
 				return err_set(&a->err, ERR_CANCELLED, "ended before all domains were taken");
 			r = adopt_one(a, pack, &a->entry[i]);
 			atomic_store(&a->at, a->entry[i].at + a->entry[i].bytes);
+			atomic_fetch_add(&a->task.beats, 1);
 		}
 	}
 	return r;
@@ -155,10 +156,11 @@ int cache_adopt(struct maintenance *m, const struct peer *peer, int fd, const ch
 	m->adopt = a;
 	a->task = (struct sched_task){.run = adopt_run,
 				      .done = adopt_done,
-				      .owner = {.uid = peer->uid},
+				      .owner = {.uid = peer->uid, .flow = ++m->core->last_flow},
 				      .priority = SCHED_NORMAL,
 				      .lengthy = true,
 				      .reads = true,
+				      .watched = true,
 				      .name = LEDGER_INPUT,
 				      .bytes = sizeof *a};
 	*ret = a;

@@ -102,6 +102,7 @@ struct sweep {
 	uint64_t last;
 	bool (*there)(void *ctx, uint64_t job);
 	void *ctx;
+	const atomic_bool *stop;
 };
 
 static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
@@ -109,16 +110,19 @@ static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
 	const struct sweep *s = ctx;
 	uint64_t job = plan_file_job(e->d_name);
 
+	if (s->stop && atomic_load(s->stop))
+		return err_set(err, ERR_CANCELLED, "ended before all was removed");
 	return job > s->last || (job && s->there(s->ctx, job)) ? 0 : io_remove(s->dirfd, e->d_name, err);
 }
 
-int plan_file_sweep(int plansfd, uint64_t last, bool (*there)(void *ctx, uint64_t job), void *ctx, struct err *err)
+int plan_file_sweep(int plansfd, uint64_t last, bool (*there)(void *ctx, uint64_t job), void *ctx, const atomic_bool *stop,
+		    struct err *err)
 {
 	int r;
 
 	lock_enter(LOCK_PLAN_SWEEP);
 	pthread_rwlock_wrlock(&sweep_lock);
-	r = io_list(plansfd, ".", sweep_one, &(struct sweep){plansfd, last, there, ctx}, err);
+	r = io_list(plansfd, ".", sweep_one, &(struct sweep){plansfd, last, there, ctx, stop}, err);
 	pthread_rwlock_unlock(&sweep_lock);
 	lock_leave(LOCK_PLAN_SWEEP);
 	return r;

@@ -6,6 +6,7 @@
 #ifndef PLAN_FILE_H
 #define PLAN_FILE_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -67,8 +68,9 @@ int plan_file_check(int plansfd, uint64_t job, uint64_t *ret_bytes, struct err *
 /* Removes the file. Worker. */
 int plan_file_remove(struct plan_file *, struct err *err);
 /* Removes the plans of jobs up to `last` that are not `there`, and temporary files of interrupted writes. Reads the folder.
- * Writes of durable plans wait meanwhile. */
-int plan_file_sweep(int plansfd, uint64_t last, bool (*there)(void *ctx, uint64_t job), void *ctx, struct err *err);
+ * Writes of durable plans wait meanwhile. Until another thread sets *stop (NULL: never): -ERR_CANCELLED. */
+int plan_file_sweep(int plansfd, uint64_t last, bool (*there)(void *ctx, uint64_t job), void *ctx, const atomic_bool *stop,
+		    struct err *err);
 /* The job whose plan has that file name; 0: it is not the name of a plan. */
 uint64_t plan_file_job(const char *name);
 

@@ -18,10 +18,10 @@
 #include "io.h"
 #include "log.h"
 #include "push_priv.h"
+#include "utf8.h"
 
 #define PROGRESS_SECONDS 0.2
 #define IDLE_SECONDS 5.0 /* without a request: others may have the stage's memory */
-#define HOLD_SECONDS 5.0 /* a file has given nothing for so long: it is named, and others get the worker's place */
 
 struct push *push_free(struct push *p)
 {
@@ -424,28 +424,30 @@ void push_remove_files(struct push *p)
 	dataset_close(p->dataset);
 }
 
-/* The last characters of a text, in at most `most` bytes. */
-static const char *text_end(const char *text, size_t most)
+static bool reads_file(const struct push_request *rq)
 {
-	size_t size = strlen(text);
-	const char *end = size > most ? text + size - most : text;
+	return rq->kind == PUSH_PROBE || rq->kind == PUSH_FILE;
+}
 
-	while ((*end & 0xC0) == 0x80) /* the middle of a character of UTF-8 */
-		end++;
-	return end;
+/* No worker reads its file, because as many files of the user hang as may hang at once. */
+static bool waits_for_others(const struct push *p, const struct push_request *rq)
+{
+	return reads_file(rq) && !atomic_load(&p->run_ns) && sched_hangs(p->pushes->core->p.sched, &p->owner);
 }
 
 static void report_progress(struct push *p, const struct push_request *rq)
 {
 	uint64_t hash_end = atomic_load(&p->hash_end), done = atomic_load(&p->progress), all = atomic_load(&p->claimed);
-	bool hangs = p->seen_ns && clock_since(p->seen_ns) >= HOLD_SECONDS;
+	bool hangs = p->seen_ns && clock_since(p->seen_ns) >= SCHED_HOLD_SECONDS, others = waits_for_others(p, rq);
 	char waiting[300] = "";
 
-	if (rq->kind != PUSH_FILE && rq->kind != PUSH_COMMIT && !hash_end && !hangs)
+	if (rq->kind != PUSH_FILE && rq->kind != PUSH_COMMIT && !hash_end && !hangs && !others)
 		return;
 	p->progress_ns = clock_mono_ns();
 	if (hangs)
-		snprintf(waiting, sizeof waiting, "stalled-file: %s", text_end(rq->name, 280));
+		snprintf(waiting, sizeof waiting, "stalled-file: %s", utf8_end(rq->name, 280));
+	else if (others)
+		snprintf(waiting, sizeof waiting, "stalled-files: %d", SCHED_HELD_EACH);
 	if (hash_end)
 		p->calls.progress(rq->token, "hash", atomic_load(&p->hashed), hash_end, waiting);
 	else if (rq->kind == PUSH_FILE)
@@ -462,13 +464,16 @@ static void watch_reading(struct push *p)
 	const struct push_request *rq = p->requests;
 	uint64_t run_ns = atomic_load(&p->run_ns), seen = atomic_load(&p->progress) + atomic_load(&p->hashed);
 
-	if (!run_ns || !rq || !p->busy || (rq->kind != PUSH_PROBE && rq->kind != PUSH_FILE)) {
+	if (!run_ns || !rq || !p->busy || !reads_file(rq)) {
 		p->seen_ns = 0;
 	} else if (!p->seen_ns || p->seen_ns < run_ns || seen != p->seen) {
 		p->seen_ns = clock_mono_ns();
 		p->seen = seen;
-	} else if (clock_since(p->seen_ns) >= HOLD_SECONDS) {
-		sched_hold(p->pushes->core->p.sched, p->owner.flow);
+		if (p->holds)
+			sched_release(p->pushes->core->p.sched, p->owner.flow);
+		p->holds = false;
+	} else if (clock_since(p->seen_ns) >= SCHED_HOLD_SECONDS) {
+		p->holds = sched_hold(p->pushes->core->p.sched, p->owner.flow) > 0;
 	}
 }
 

@@ -250,6 +250,7 @@ struct push {
 	uint64_t progress_ns;               /* when progress was reported last */
 	_Atomic uint64_t run_ns;            /* since when a worker runs the first request; 0: none does */
 	uint64_t seen, seen_ns;             /* what it had read, and since when that has been so; seen_ns 0: it reads no file */
+	bool holds;                         /* sched_hold, and not sched_release yet */
 	atomic_bool cancel;
 };
 

@@ -11,7 +11,8 @@
  * hours.
  *
  * A task that reads a client's file may hang for ever. When the loop says so (sched_hold), a new thread takes the place of its
- * thread, which ends with the task.
+ * thread, which ends with the task. If the file gives something after all (sched_release), the task has its place again, and the
+ * next thread without a task ends.
  */
 #include "sched_pool.h"
 
@@ -53,8 +54,9 @@ struct sched {
 	struct sched_task *ended, **ended_end;
 	struct place *place; /* of threads: regular and spare ones, and those of held tasks */
 	unsigned threads;
-	unsigned lengthy; /* regular workers that run a lengthy task, and have their place */
-	unsigned held;    /* tasks */
+	unsigned lengthy;  /* regular workers that run a lengthy task, and have their place */
+	unsigned held;     /* tasks */
+	unsigned extra[2]; /* regular and spare threads that are to end, since the tasks have their places again */
 	unsigned busy;
 	uint64_t starved;
 	int event;
@@ -90,7 +92,7 @@ static void add_ended(struct sched *s, struct sched_task *t)
 /* Releases the lock, then wakes regular and spare workers. */
 static void unlock_and_wake_all(struct sched *s)
 {
-	bool spare = s->lengthy == s->threads;
+	bool spare = s->lengthy >= s->threads;
 
 	lock_give(&s->lock);
 	pthread_cond_broadcast(&s->wake);
@@ -131,9 +133,10 @@ static bool run_task(struct worker *w, struct sched_task *t)
 
 	assert(t->state == SCHED_TASK_WAITING);
 	t->state = SCHED_TASK_RUNNING;
+	t->seen_ns = clock_mono_ns();
 	t->spare = w->spare;
 	s->lengthy += lengthy;
-	spare = lengthy && s->lengthy == s->threads;
+	spare = lengthy && s->lengthy >= s->threads;
 	unlock_and_notify(w);
 	if (spare)
 		pthread_cond_broadcast(&s->wake_spare);
@@ -145,13 +148,13 @@ static bool run_task(struct worker *w, struct sched_task *t)
 	s->held -= held;
 	s->lengthy -= lengthy && !held;
 	/* The time in which it was held was nobody's. */
-	sched_queue_over(s->queue, t, (held ? t->held_ns : clock_mono_ns()) - begun);
+	sched_queue_over(s->queue, t, (held ? t->held_ns : clock_mono_ns()) - begun - t->nobodys_ns);
 	add_ended(s, t);
 	w->pending_notice = true;
 	return !held;
 }
 
-/* The thread of a task that was held ends. */
+/* The thread of a task that was held ends, or one too many. */
 static void leave(struct worker *w)
 {
 	struct sched *s = w->sched;
@@ -174,11 +177,12 @@ static void *worker_main(void *arg)
 	thread_mark_helper();
 	lock_take(&s->lock);
 	for (;;) {
-		struct sched_task *t = take_task(&w);
+		struct sched_task *t = s->extra[w.spare] ? NULL : take_task(&w);
 
-		if (t) {
-			if (run_task(&w, t))
-				continue;
+		if (t && run_task(&w, t))
+			continue;
+		if (t || s->extra[w.spare]) {
+			s->extra[w.spare] -= !t;
 			leave(&w);
 			return NULL;
 		}
@@ -342,9 +346,12 @@ void sched_submit(struct sched *s, struct sched_task *t)
 	assert(t->state == SCHED_TASK_IDLE);
 	t->state = SCHED_TASK_WAITING;
 	t->ran = t->took = t->held = false;
+	t->nobodys_ns = 0;
+	t->beats_seen = 0;
+	atomic_store(&t->beats, 0);
 	s->busy++;
 	refused = s->stop || atomic_load(&t->cancel);
-	spare = s->lengthy == s->threads;
+	spare = s->lengthy >= s->threads;
 	if (refused)
 		add_ended(s, t);
 	else
@@ -412,15 +419,26 @@ unsigned sched_dispatch(struct sched *s)
 	}
 }
 
+/* One that was to end stays. */
+static bool another_thread(struct sched *s, bool spare)
+{
+	if (s->extra[spare]) {
+		s->extra[spare]--;
+		return true;
+	}
+	if (s->held + s->extra[0] + s->extra[1] >= SCHED_HELD_MAX || !ledger_take(s->ledger, LEDGER_THREAD, THREAD_BYTES))
+		return false;
+	if (!start_thread(s, spare))
+		return true;
+	ledger_give(s->ledger, LEDGER_THREAD, THREAD_BYTES);
+	return false;
+}
+
 /* Under the lock. */
 static void hold_task(struct sched *s, struct sched_task *t)
 {
-	if (s->held == SCHED_HELD_MAX || !ledger_take(s->ledger, LEDGER_THREAD, THREAD_BYTES))
+	if (!another_thread(s, t->spare))
 		return;
-	if (start_thread(s, t->spare)) {
-		ledger_give(s->ledger, LEDGER_THREAD, THREAD_BYTES);
-		return;
-	}
 	t->held = true;
 	t->held_ns = clock_mono_ns();
 	s->held++;
@@ -445,6 +463,80 @@ unsigned sched_hold(struct sched *s, uint64_t flow)
 			hold_task(s, t);
 		n += t->held;
 	}
+	lock_give(&s->lock);
+	return n;
+}
+
+/* Under the lock. */
+static void release_task(struct sched *s, struct sched_task *t)
+{
+	t->held = false;
+	t->nobodys_ns += clock_mono_ns() - t->held_ns;
+	s->held--;
+	s->extra[t->spare]++;
+	s->lengthy += t->lengthy && !t->spare;
+}
+
+/* For the threads that are to end, and tasks that may start now. */
+static void unlock_and_wake_every(struct sched *s)
+{
+	lock_give(&s->lock);
+	pthread_cond_broadcast(&s->wake);
+	pthread_cond_broadcast(&s->wake_spare);
+}
+
+void sched_release(struct sched *s, uint64_t flow)
+{
+	THREAD_LOOP_ONLY();
+	lock_take(&s->lock);
+	for (struct sched_task *t = sched_queue_running(s->queue); t; t = t->next)
+		if (t->owner.flow == flow && t->held)
+			release_task(s, t);
+	unlock_and_wake_every(s);
+}
+
+void sched_watch(struct sched *s, double seconds)
+{
+	bool released = false;
+
+	THREAD_LOOP_ONLY();
+	lock_take(&s->lock);
+	for (struct sched_task *t = sched_queue_running(s->queue); t; t = t->next) {
+		unsigned beats = atomic_load(&t->beats);
+
+		if (t->watched && beats != t->beats_seen) {
+			t->beats_seen = beats;
+			t->seen_ns = clock_mono_ns();
+			released |= t->held;
+			if (t->held)
+				release_task(s, t);
+		} else if (t->watched && !t->held && clock_since(t->seen_ns) >= seconds &&
+			   !sched_queue_hangs(s->queue, &t->owner)) {
+			hold_task(s, t);
+		}
+	}
+	if (released)
+		unlock_and_wake_every(s);
+	else
+		lock_give(&s->lock);
+}
+
+bool sched_hangs(struct sched *s, const struct sched_owner *owner)
+{
+	bool hangs;
+
+	lock_take(&s->lock);
+	hangs = sched_queue_hangs(s->queue, owner);
+	lock_give(&s->lock);
+	return hangs;
+}
+
+unsigned sched_extra_threads(struct sched *s)
+{
+	unsigned n;
+
+	lock_take(&s->lock);
+	n = s->held + s->extra[0] + s->extra[1];
 	lock_give(&s->lock);
 	return n;
 }

@@ -50,14 +50,18 @@ struct sched_task {
 	bool reads;   /* reads a client's file: while tasks of other users wait, one such task a user runs */
 	enum ledger_name name;
 	uint64_t bytes;     /* taken before run; 0: none */
+	bool watched;       /* sched_watch: it counts `beats` */
 	atomic_bool cancel; /* set by sched_cancel; long tasks poll it */
+	atomic_uint beats;  /* calls that read its file and have returned */
 	bool ran;           /* in done: run was called, and `bytes` are the submitter's */
 	/* of the scheduler only */
 	enum sched_task_state state;
 	bool took;  /* its bytes, and done was not called */
 	bool spare; /* it runs on a spare thread */
 	bool held;  /* sched_hold */
-	uint64_t held_ns;
+	unsigned beats_seen;
+	uint64_t seen_ns;             /* since when it has that many beats */
+	uint64_t held_ns, nobodys_ns; /* since when it is held; how long it was held before */
 	uint64_t order;
 	int64_t charged;
 	struct sched_account *account;
@@ -87,6 +91,15 @@ unsigned sched_dispatch(struct sched *);
  * how many of the flow have lost their place. */
 enum { SCHED_HELD_EACH = 4, SCHED_HELD_MAX = 64 };
 unsigned sched_hold(struct sched *, uint64_t flow);
+/* The calls have returned: the tasks have their places again. A thread more than there are places ends when it has no task. */
+void sched_release(struct sched *, uint64_t flow);
+/* The same for all tasks that are watched, by their beats. */
+#define SCHED_HOLD_SECONDS 5.0
+void sched_watch(struct sched *, double seconds);
+/* A task that reads a file would wait for such a flow: its own, or SCHED_HELD_EACH others of its user. */
+bool sched_hangs(struct sched *, const struct sched_owner *);
+/* Threads more than there are places. */
+unsigned sched_extra_threads(struct sched *);
 
 /* Bytes that the task has taken, until its `done` is called. */
 uint64_t sched_taken(struct sched *, const struct sched_task *);

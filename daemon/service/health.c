@@ -67,11 +67,14 @@ static void check_run(struct sched_task *t)
 {
 	struct check *c = (struct check *)t;
 	struct err err = ERR_INIT;
+	unsigned extra;
 
 	query_side(c->service->core->p.statefd, &c->found.state);
 	query_side(c->service->core->p.cachefd, &c->found.cache);
 	c->found.open_files = process_open_files();
 	c->found.threads = process_threads();
+	extra = sched_extra_threads(c->service->core->p.sched);
+	c->found.threads -= c->found.threads > extra ? extra : 0; /* those of files that hang are no setting */
 	if (geoids_check(c->service->geoids, &c->found.geoids, &c->found.geoids_bad, &err) || err.code)
 		err_format(&err, c->found.geoid_why, sizeof c->found.geoid_why);
 }

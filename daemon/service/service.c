@@ -179,6 +179,7 @@ void service_tick(struct service *s)
 		sched_give(s->core->p.sched, LEDGER_INDEX, 0);
 	jobs_tick(s->jobs);
 	pushes_tick(s->pushes);
+	sched_watch(s->core->p.sched, SCHED_HOLD_SECONDS);
 	maintenance_tick(s->maintenance);
 	if (clock_since(s->counted_ns) >= COUNT_SECONDS) {
 		s->counted_ns = clock_mono_ns();

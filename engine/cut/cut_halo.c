@@ -110,6 +110,8 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	h->rounds = ROUNDS;
 	h->list_limit = LIST;
 	h->many = TAKE_MANY;
+	h->merged_always = MERGED_ALWAYS;
+	h->merge_share = MERGE_SHARE;
 	h->block_bits = SEED_BLOCK_BITS;
 	h->column_bits = SEED_COLUMN_BITS;
 	h->columns = own_known ? COLUMNS : 16;
@@ -155,6 +157,12 @@ void cut_halo_limit(struct cut_halo *h, unsigned rounds, uint32_t seen)
 	h->rounds = rounds;
 	if (seen < h->seen_limit)
 		h->seen_limit = seen;
+}
+
+void cut_halo_merged(struct cut_halo *h, uint32_t always, uint32_t share)
+{
+	h->merge_share = share;
+	h->merged_always = always;
 }
 
 void cut_halo_grain(struct cut_halo *h, unsigned block, unsigned columns, uint32_t list, uint32_t many)
@@ -242,10 +250,14 @@ static bool halo_segment(void *ctx, const struct grid_cell *whole)
 	return matters(ctx, whole);
 }
 
-static int flush(struct cut_halo *h)
+/* Between two walks a long chain keeps a small batch: a hull that is a little higher reads a few cells more, while merging costs
+ * the whole chain. `all`: no walk follows. */
+static int flush(struct cut_halo *h, bool all)
 {
 	for (unsigned i = 0; i < h->nchain; i++) {
-		int rc = cut_halo_flush(h, i);
+		const struct cut_chain *c = &h->chain[i];
+		int rc =
+			all || c->n < h->merged_always || (uint64_t)c->nbatch * h->merge_share >= c->n ? cut_halo_flush(h, i) : 0;
 
 		if (rc)
 			return rc;
@@ -392,7 +404,7 @@ static int round_once(struct cut_halo *h, bool *ret_more, struct err *err)
 			rc = cut_halo_read(h, &noted->cell, err);
 		}
 	if (!rc)
-		rc = flush(h);
+		rc = flush(h, !more);
 	h->columns = h->columns * 4 < COLUMNS ? h->columns * 4 : COLUMNS;
 	*ret_more = more;
 	return rc;
@@ -436,7 +448,7 @@ static int sweep_all(struct cut_halo *h, struct err *err)
 		for (uint32_t i = 0; i < h->nsweep && !rc; i++)
 			rc = cut_halo_read(h, &h->sweep[i], err);
 		if (!rc)
-			rc = flush(h);
+			rc = flush(h, h->nsweep < SWEEP);
 		if (rc || h->nsweep < SWEEP)
 			return rc;
 		h->after = h->sweep[SWEEP - 1];

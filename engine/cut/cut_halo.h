@@ -33,6 +33,8 @@ void cut_halo_trace(struct cut_halo *, struct cut_trace *);
 void cut_halo_stats(const struct cut_halo *, uint64_t *ret_cells, uint64_t *ret_points);
 /* For tests: limits the rounds before the sweep, and the recorded cells. */
 void cut_halo_limit(struct cut_halo *, unsigned rounds, uint32_t seen);
+/* For tests: a chain with fewer sites is merged before each walk, a longer one when its batch has this share of it. */
+void cut_halo_merged(struct cut_halo *, uint32_t always, uint32_t share);
 /* For tests: own positions are processed in blocks of 2^block; a border has 2^columns columns (4 to 10); at most `list`
  * hits (up to LIST) are listed; and if more than `many` points of a cell pass, they are compared with each other. */
 void cut_halo_grain(struct cut_halo *, unsigned block, unsigned columns, uint32_t list, uint32_t many);

@@ -11,7 +11,9 @@
 enum {
 	COLUMNS = 256,
 	BATCH = 1024,
-	BATCH_SHARE = 32, /* share of each batch in the memory for points */
+	BATCH_SHARE = 32,        /* share of each batch in the memory for points */
+	MERGE_SHARE = 16,        /* share of a chain that a batch has when it is merged between two walks */
+	MERGED_ALWAYS = 1 << 15, /* a chain with fewer sites is merged before each walk */
 	LIST = 512,
 	SWEEP = 256,
 	ROUNDS = 200,
@@ -64,6 +66,8 @@ struct cut_halo {
 	unsigned columns;                 /* that are used */
 	unsigned rounds;                  /* limit */
 	unsigned block_bits, column_bits; /* minimum, for seeding */
+	uint32_t merged_always;           /* a chain with fewer sites is merged before each walk */
+	uint32_t merge_share;             /* a longer one when its batch has this share of it */
 	uint32_t many;                    /* if more points of a cell pass, they are compared with each other */
 	struct seen *seen;
 	uint32_t seen_size, seen_limit, nseen;

@@ -128,49 +128,86 @@ static void vertex_count(struct pipe_emitter *e, const struct mesh_vertex *v)
 	digest_add_vertex(&e->totals.vertex_digest, v->x + e->lattice.k[0], v->y + e->lattice.k[1], v->z + e->lattice.k[2]);
 }
 
+static uint64_t place_of(const struct mesh_vertex *v)
+{
+	return (uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y;
+}
+
+/* Looks up open vertex i, which gets `number` if it is new. Its place in the block is not known yet. */
+static int look_up_one(struct pipe_emitter *e, struct mesh_domain *d, uint32_t i, uint64_t number, struct err *err)
+{
+	const struct mesh_vertex *v = &d->vertex[i];
+	struct mesh_link link = d->link[i];
+	struct pipe_vertex add = {.place = place_of(v), .number = number, .hi = link.hi, .lo = link.lo, .edges = link.edges},
+			   got = add;
+	/* Without a sum it closed inside this domain, although another triangle of the kernel touched it. */
+	bool inside = !link.hi && !link.lo;
+	int r = inside ? PIPE_TABLE_NEW : pipe_table_add(e->table, &add, &got, err);
+
+	if (r < 0)
+		return r;
+	if (r == PIPE_TABLE_CLOSED && got.edges < 3)
+		return err_set(err, ERR_INTERNAL, "the vertex at (%d, %d) closed with %u triangles", v->x, v->y, got.edges);
+	((struct found *)d->link)[i] = (struct found){
+		.number = got.number - 1,
+		.closed = r == PIPE_TABLE_CLOSED || inside,
+		.foreign = r != PIPE_TABLE_NEW,
+	};
+	return 0;
+}
+
+/* Counts a vertex that was looked up. */
+static void place_one(struct pipe_emitter *e, struct mesh_domain *d, uint32_t i, uint32_t *nforeign, uint32_t *nnew)
+{
+	struct found *f = &((struct found *)d->link)[i];
+
+	f->where = f->foreign ? (*nforeign)++ : (*nnew)++;
+	if (!f->foreign)
+		vertex_count(e, &d->vertex[i]);
+}
+
+/* In the order of the table. New vertices have their numbers when all are looked up, so these are written in a second pass. */
+static int look_up_by_parts(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_foreign, struct err *err)
+{
+	const struct found *found = (const struct found *)d->link;
+	uint32_t nforeign = 0, nnew = 0;
+	unsigned parts;
+	int r = pipe_table_reserve(e->table, d->nopen, err);
+
+	parts = pipe_table_parts(e->table);
+	for (unsigned part = 0; part < parts; part++)
+		for (uint32_t i = 0; i < d->nopen && !r; i++)
+			if (pipe_table_part(e->table, place_of(&d->vertex[i])) == part)
+				r = look_up_one(e, d, i, UINT64_MAX, err);
+	for (uint32_t i = 0; i < d->nopen && !r; i++)
+		place_one(e, d, i, &nforeign, &nnew);
+	for (unsigned part = 0; part < parts; part++)
+		for (uint32_t i = 0; i < d->nopen && !r; i++) {
+			uint64_t place = place_of(&d->vertex[i]);
+
+			if (!found[i].foreign && !found[i].closed && pipe_table_part(e->table, place) == part)
+				r = pipe_table_number(e->table, place, e->totals.vertices + found[i].where + 1, err);
+		}
+	*ret_foreign = nforeign;
+	return r;
+}
+
 /* Looks up every open vertex; *ret_foreign: how many were found. */
 static int look_up(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_foreign, struct err *err)
 {
-	struct found *found = (struct found *)d->link;
-	uint32_t i, nforeign = 0, nnew = 0;
-	int r;
+	uint32_t nforeign = 0, nnew = 0;
+	int r = 0;
 
-	for (i = 0; i < d->nopen; i++) {
-		struct mesh_link link = d->link[i];
-		const struct mesh_vertex *v = &d->vertex[i];
-		struct pipe_vertex add =
-					   {
-						   .place = (uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y,
-						   .number = e->totals.vertices + nnew + 1,
-						   .hi = link.hi,
-						   .lo = link.lo,
-						   .edges = link.edges,
-					   },
-				   got;
-
-		if (!link.hi && !link.lo) {
-			/* Closed inside this domain, although another triangle of the kernel touched it. */
-			r = PIPE_TABLE_NEW;
-			got = add;
-		} else {
-			r = pipe_table_add(e->table, &add, &got, err);
-		}
-		if (r < 0)
-			return r;
-		if (r == PIPE_TABLE_CLOSED && got.edges < 3)
-			return err_set(err, ERR_INTERNAL, "the vertex at (%d, %d) closed with %u triangles", v->x, v->y,
-				       got.edges);
-		found[i] = (struct found){
-			.number = got.number - 1,
-			.where = r == PIPE_TABLE_NEW ? nnew++ : nforeign++,
-			.closed = r == PIPE_TABLE_CLOSED || (!link.hi && !link.lo),
-			.foreign = r != PIPE_TABLE_NEW,
-		};
-		if (r == PIPE_TABLE_NEW)
-			vertex_count(e, v);
+	/* Each of them would read a page and write one: all vertices of points in convex position stay open. */
+	if (d->nopen > pipe_table_pages(e->table) / 2 && pipe_table_spills(e->table, d->nopen))
+		return look_up_by_parts(e, d, ret_foreign, err);
+	for (uint32_t i = 0; i < d->nopen && !r; i++) {
+		r = look_up_one(e, d, i, e->totals.vertices + nnew + 1, err);
+		if (!r)
+			place_one(e, d, i, &nforeign, &nnew);
 	}
 	*ret_foreign = nforeign;
-	return 0;
+	return r;
 }
 
 /* Sets the bits [from, to). */

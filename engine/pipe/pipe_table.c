@@ -10,7 +10,6 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -319,17 +318,35 @@ struct pipe_table *pipe_table_free(struct pipe_table *t)
 	return NULL;
 }
 
+/* Whether so many entries fill more than that many slots may be. */
+static bool is_full(uint64_t entries, uint64_t slots)
+{
+	return entries * 10 >= slots * 7;
+}
+
+bool pipe_table_spills(const struct pipe_table *t, uint64_t n)
+{
+	return is_full(t->count + n, (uint64_t)t->nframes * SLOTS);
+}
+
+int pipe_table_reserve(struct pipe_table *t, uint64_t n, struct err *err)
+{
+	int r = 0;
+
+	while (!r && is_full(t->count + n, t->nslots))
+		r = grow(t, err);
+	return r;
+}
+
 int pipe_table_add(struct pipe_table *t, const struct pipe_vertex *add, struct pipe_vertex *ret, struct err *err)
 {
 	struct pipe_vertex v;
 	uint64_t slot;
 	int r;
 
-	if (t->count * 10 >= t->nslots * 7) {
-		r = grow(t, err);
-		if (r)
-			return r;
-	}
+	r = pipe_table_reserve(t, 0, err);
+	if (r)
+		return r;
 	r = slot_find(t, add->place, &slot, &v, err);
 	if (r)
 		return r;
@@ -359,4 +376,33 @@ uint64_t pipe_table_count(const struct pipe_table *t)
 uint64_t pipe_table_spilled_pages(const struct pipe_table *t)
 {
 	return t->npages > t->nframes ? t->npages - t->nframes : 0;
+}
+
+uint64_t pipe_table_pages(const struct pipe_table *t)
+{
+	return t->npages;
+}
+
+unsigned pipe_table_parts(const struct pipe_table *t)
+{
+	return (unsigned)((t->npages + t->nframes - 1) / t->nframes);
+}
+
+unsigned pipe_table_part(const struct pipe_table *t, uint64_t place)
+{
+	return (unsigned)(home_of(t, place) / SLOTS / t->nframes);
+}
+
+int pipe_table_number(struct pipe_table *t, uint64_t place, uint64_t number, struct err *err)
+{
+	struct pipe_vertex v;
+	uint64_t slot;
+	int r = slot_find(t, place, &slot, &v, err);
+
+	if (r)
+		return r;
+	if (!v.number)
+		return err_set(err, ERR_INTERNAL, "a vertex is not among the open ones");
+	v.number = number;
+	return slot_write(t, slot, &v, err);
 }

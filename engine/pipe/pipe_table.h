@@ -5,6 +5,7 @@
 #ifndef PIPE_TABLE_H
 #define PIPE_TABLE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -29,6 +30,15 @@ struct pipe_table *pipe_table_free(struct pipe_table *);
  * after that. An entry whose sum has become zero is removed. */
 enum { PIPE_TABLE_NEW = 1, PIPE_TABLE_KNOWN = 2, PIPE_TABLE_CLOSED = 3 };
 int pipe_table_add(struct pipe_table *, const struct pipe_vertex *add, struct pipe_vertex *ret, struct err *err);
+/* Many entries at once, in a table that is not all in memory: in the order of their parts, each page is read and written once.
+ * pipe_table_reserve makes room for n new entries, so that no part changes meanwhile. */
+bool pipe_table_spills(const struct pipe_table *, uint64_t n); /* with n more entries it will not be all in memory */
+int pipe_table_reserve(struct pipe_table *, uint64_t n, struct err *err);
+uint64_t pipe_table_pages(const struct pipe_table *);
+unsigned pipe_table_parts(const struct pipe_table *);
+unsigned pipe_table_part(const struct pipe_table *, uint64_t place);
+/* Changes the number of an entry that is there. */
+int pipe_table_number(struct pipe_table *, uint64_t place, uint64_t number, struct err *err);
 uint64_t pipe_table_count(const struct pipe_table *);
 uint64_t pipe_table_spilled_pages(const struct pipe_table *); /* 0: all in memory */
 

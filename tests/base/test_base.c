@@ -307,6 +307,17 @@ static size_t utf8_put(uint32_t c, uint8_t buf[4])
 	return n;
 }
 
+static void test_utf8_end(void **state)
+{
+	(void)state;
+	assert_string_equal(utf8_end("abc", 3), "abc");
+	assert_string_equal(utf8_end("abc", 2), "bc");
+	assert_string_equal(utf8_end("a\u00e9\u20ac", 5), "\u00e9\u20ac");
+	assert_string_equal(utf8_end("a\u00e9\u20ac", 4), "\u20ac");
+	assert_string_equal(utf8_end("a\u00e9\u20ac", 2), "");
+	assert_string_equal(utf8_end("", 0), "");
+}
+
 static void test_utf8(void **state)
 {
 	uint8_t s[4];
@@ -340,10 +351,10 @@ static void test_utf8(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_utf8),           cmocka_unit_test(test_err),         cmocka_unit_test(test_err_long),
-		cmocka_unit_test(test_err_table),      cmocka_unit_test(test_log),         cmocka_unit_test(test_ledger),
-		cmocka_unit_test(test_ledger_shares),  cmocka_unit_test(test_cursor),      cmocka_unit_test(test_clock),
-		cmocka_unit_test(test_parse_integers), cmocka_unit_test(test_parse_units),
+		cmocka_unit_test(test_utf8_end), cmocka_unit_test(test_utf8),           cmocka_unit_test(test_err),
+		cmocka_unit_test(test_err_long), cmocka_unit_test(test_err_table),      cmocka_unit_test(test_log),
+		cmocka_unit_test(test_ledger),   cmocka_unit_test(test_ledger_shares),  cmocka_unit_test(test_cursor),
+		cmocka_unit_test(test_clock),    cmocka_unit_test(test_parse_integers), cmocka_unit_test(test_parse_units),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -110,6 +110,33 @@ static void prefix_selects(void **state)
 }
 
 static const struct io_table *real;
+static atomic_bool stop;
+
+/* Another thread ends the removal after one file. */
+static int stopping_unlinkat(int fd, const char *path, int flags)
+{
+	atomic_store(&stop, !strcmp(path, "file"));
+	return real->unlinkat(fd, path, flags);
+}
+
+static void sweeps_stop(void **state)
+{
+	struct io_table table;
+	struct err err = ERR_INIT;
+
+	real = io;
+	table = *io;
+	table.unlinkat = stopping_unlinkat;
+	make_tree("tmp-1");
+	io = &table;
+	assert_int_equal(io_folder_sweep_until(dirfd, "tmp-", &stop, &err), -ERR_CANCELLED);
+	io = real;
+	assert_true(is_there("tmp-1"));
+	err_clear(&err);
+	stop = false;
+	assert_int_equal(io_folder_sweep_until(dirfd, "tmp-", &stop, &err), 0);
+	assert_false(is_there("tmp-1"));
+}
 
 static int failing_unlinkat(int fd, const char *path, int flags)
 {
@@ -144,9 +171,8 @@ static void failed_calls_are_errors(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(everything_is_removed),
-		cmocka_unit_test(links_are_not_followed),
-		cmocka_unit_test(prefix_selects),
+		cmocka_unit_test(everything_is_removed),   cmocka_unit_test(links_are_not_followed),
+		cmocka_unit_test(prefix_selects),          cmocka_unit_test(sweeps_stop),
 		cmocka_unit_test(failed_calls_are_errors),
 	};
 

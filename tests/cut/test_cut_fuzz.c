@@ -112,6 +112,7 @@ static void check_halo(uint64_t *seed, const struct cut_source *src, const struc
 	uint32_t m, k = 0;
 
 	assert_non_null(h);
+	cut_halo_merged(h, sets_below(seed, 2) ? 0 : UINT32_MAX, sets_below(seed, 3));
 	cut_halo_limit(h, sets_below(seed, 2) ? sets_below(seed, 4) : 1000, sets_below(seed, 2) ? sets_below(seed, 4) : 1000);
 	cut_halo_grain(h, sets_below(seed, 5), 4 + sets_below(seed, 7), sets_below(seed, 2) ? sets_below(seed, 10) : 1000,
 		       sets_below(seed, 8));
@@ -210,6 +211,7 @@ static void check_kept(uint64_t *seed, struct group *g, const struct cut_region 
 
 	cut_cache_source(g->keep, &src);
 	h = cut_halo_init(scratch, scratch_size, &src, &view, region, false);
+	cut_halo_merged(h, 0, 1);
 	cut_halo_limit(h, sets_below(seed, 8), 1000);
 	cut_halo_grain(h, 0, 10, sets_below(seed, 100), sets_below(seed, 8));
 	assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);

@@ -103,6 +103,41 @@ def files_that_hang():
                         p.wait()
 
 
+def more_files_hang_than_may():
+    """A daemon with one worker: `info` of a file that hangs, and pushes of three more. Another push and a mesh of the same user wait for
+    none. Those that come when four files hang say why they wait. `doctor` counts none of the threads that took the places of others."""
+    with Folder() as base:
+        gate = e2e.Gate(base)
+        names = [shutil.copy(hostile.LAS, base + "/hangs-%d.las" % i) for i in range(5)]
+        with e2e.Daemon(base, memory="64M", threads=1, env=gate.env) as d:
+            tasks = lambda: [c["message"] for c in d.ctl("doctor", "--json").json()["checks"] if c["name"] == "tasks"]
+            before = tasks()
+            gate.close("pread", "/hangs-", 0, "acutd")
+            start = lambda *args: subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, *args], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL,
+                                                   text=True)
+            hung = [start("info", names[0])]
+            try:
+                d.ctl("ping").ok()
+                d.ctl("mesh", hostile.LAS, "--format", "null", timeout=e2e.PATIENCE).ok()  # when the worker has another thread
+                hung += [start("push", "h%d" % i, names[i]) for i in (1, 2, 3)]
+                for p in hung[1:]:
+                    told = next((line for line in p.stderr if "gives nothing" in line), "it ended")
+                    expect("gives nothing" in told, told)
+                hung.append(start("push", "h4", names[4]))
+                told = next((line for line in hung[4].stderr if "this push waits" in line), "it ended")
+                expect("4 files of yours give nothing" in told, told)
+                expect(before and tasks() == before, "%s, before %s" % (tasks(), before))
+                gate.open()
+                for p in hung:
+                    err = p.communicate(timeout=e2e.PATIENCE)[1]
+                    expect(p.returncode == 0, "%d %s" % (p.returncode, err))
+            finally:
+                gate.open()
+                for p in hung:
+                    p.kill()
+                    p.wait()
+
+
 def passes_files(path, name, uid, status):
     """A process of that user that passes files until it is disconnected, and then connects again. Writes to `status`: the number
     of files, and both reasons."""
@@ -268,4 +303,4 @@ def descriptors_run_out():
 
 
 if __name__ == "__main__":
-    hostile.whole(files_whose_reads_block, files_that_hang, files_that_never_close, descriptors_run_out)
+    hostile.whole(files_whose_reads_block, files_that_hang, more_files_hang_than_may, files_that_never_close, descriptors_run_out)

@@ -30,7 +30,7 @@ from faults import Fault, Killed, Store, e2e, expect
 from nights_model import Drop
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-OLDER = "18cd122e"  # of the same formats
+FORMATS = ("-G_VERSION = ", "--", "engine", "daemon")  # changes of the versions of files
 MEMORY, BEYOND = 24 << 20, 32 << 20
 SETTINGS = ("--keep-removed", "1s", "--space-wait", "1", "--disk", "40M", "--keep-free", "0")
 CALLS = ("pwrite64", "fsync", "fdatasync", "renameat,renameat2", "unlinkat", "openat", "linkat")
@@ -41,23 +41,27 @@ KINDS = ("killed", "killed_at_a_call", "client_killed", "client_killed_at_a_move
          "two_passes")
 QUIET = 6
 MOUNTED = ("power_cut", "full_disk")
+# A fault comes at a random moment, and may come too late to meet anything. A kind that never struck in so many nights tests nothing.
+ENOUGH = 20
 JOB_DAYS = 30
 OLD_JOBS = {1, 2, 3, 4}  # of the older state
 
 
 def older_program():
-    """The build folder of the older revision, or None."""
+    """The build folder of the older revision, or None. It is the oldest one that reads all files of this one."""
     wish = os.environ.get("ACUT_NIGHTS_OLD")
     if not wish:
         return None
     if wish != "1":
         return wish
-    to = os.path.join(power.BUILD, "acut-" + OLDER)
-    top = os.path.join(HERE, "..", "..")
-    archive = subprocess.run(["git", "-C", top, "archive", OLDER], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    if archive.returncode:
+    git = ["git", "-C", os.path.join(HERE, "..", "..")]
+    older = subprocess.run([*git, "log", "-1", "--format=%h", *FORMATS], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    name = older.stdout.decode().strip()
+    archive = subprocess.run([*git, "archive", name], stdout=subprocess.PIPE, stderr=subprocess.PIPE) if name else older
+    if not name or archive.returncode:
         print("skipped: upgrades from an older revision: the history of git is not here: %s" % archive.stderr.decode(errors="replace").strip())
         return None
+    to = os.path.join(power.BUILD, "acut-" + name)
     if not os.path.exists(to + "/b/daemon/acutd"):
         shutil.rmtree(to, ignore_errors=True)
         os.makedirs(to)
@@ -104,7 +108,8 @@ class Place:
 class World:
     def __init__(self, base, nights, month, rng):
         self.base, self.nights, self.month, self.rng = base, nights, month, rng
-        self.statuses, self.kinds, self.deck, self.figures = collections.Counter(), collections.Counter(), [], []
+        self.statuses, self.kinds, self.struck = collections.Counter(), collections.Counter(), collections.Counter()
+        self.deck, self.figures = [], []
         self.jobs, self.aged, self.peak, self.cuts, self.drills, self.upgrades = {}, 0, 0, 0, 0, 0
         reason = may_mount(os.path.join(base, "try"))
         if reason:
@@ -148,15 +153,14 @@ class World:
     def judge(self, what, got, allowed, said=""):
         expect(got in allowed, "%s: exit status %d, not %s\n%s" % (what, got, sorted(allowed), said))
         self.statuses[got] += 1
+        return got
 
     def command(self, drop):
         return ["ingest", drop.dataset, drop.folder, "--settle", "0", "--json", *(["--replace"] if drop.replace else [])]
 
     def passes(self, also=()):
-        """One over each folder. `also`: statuses that the fault of this night allows."""
-        for drop in self.today:
-            want = drop.status()
-            self.ctl(*self.command(drop), status={want, *also})
+        """One over each folder. `also`: statuses that the fault of this night allows. Returns the statuses."""
+        return {self.ctl(*self.command(drop), status={drop.status(), *also}).status for drop in self.today}
 
     def start_pass(self, drop, prefix=()):
         want = drop.status()
@@ -183,16 +187,18 @@ class World:
         self.note_memory()
         self.judge("acutd", self.store.stop(), (0,))
 
-    # ---- nights ----
+    # ---- nights: each returns whether its fault struck ----
 
     def quiet(self):
-        pass
+        return True
 
     def killed(self):
         timer = threading.Timer(self.rng.uniform(0, .06), self.store.kill_inner)
         timer.start()
         self.passes((69, 74))
+        struck = not self.store.alive()
         timer.join()
+        return struck
 
     def killed_at_a_call(self):
         self.stop()
@@ -203,19 +209,24 @@ class World:
         except Killed:
             pass
         self.passes((69, 74))
+        return not self.store.alive()
 
     def client_killed(self):
+        ended = set()
         for drop in self.today:
             p, want = self.start_pass(drop)
             time.sleep(self.rng.uniform(0, .04))
             p.kill()
-            self.judge("ingest", p.wait(), (want, -signal.SIGKILL))
+            ended.add(self.judge("ingest", p.wait(), (want, -signal.SIGKILL)))
+        return -signal.SIGKILL in ended
 
     def client_killed_at_a_move(self):
+        ended = set()
         for drop in self.today:
             inject = "inject=renameat2:signal=KILL:when=%d" % self.rng.randrange(1, 4)
             p, want = self.start_pass(drop, ["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=renameat2", "-e", inject])
-            self.judge("ingest", p.wait(e2e.PATIENCE), (want, -signal.SIGKILL, 128 + signal.SIGKILL))
+            ended.add(self.judge("ingest", p.wait(e2e.PATIENCE), (want, -signal.SIGKILL, 128 + signal.SIGKILL)))
+        return bool(ended & {-signal.SIGKILL, 128 + signal.SIGKILL})
 
     def power_cut(self):
         """Daemon and client stop at one moment, and the disk has what it had then: all up to its last flush, and of later writes
@@ -237,7 +248,7 @@ class World:
                     os.kill(self.store.pid(), signal.SIGSTOP)
                     cut = disk.logged()
                     p.kill()
-                self.judge("ingest", p.wait(e2e.PATIENCE), (want, -signal.SIGKILL))
+                ended = self.judge("ingest", p.wait(e2e.PATIENCE), (want, -signal.SIGKILL))
             self.store.kill()
         image = power.Images(disk).at(cut, self.rng)
         with open(self.place.image, "wb") as f:
@@ -245,48 +256,66 @@ class World:
         shutil.rmtree(folder)
         self.cuts += 1
         self.place.up()
+        return ended == -signal.SIGKILL
 
     def full_disk(self):
+        """Often without a cache from which room could be made."""
+        if self.rng.randrange(4):
+            self.ctl("cache", "gc", "--all")
         s = os.statvfs(self.place.mount)
         other = os.path.join(self.place.mount, "other")
-        with open(other, "wb") as f, contextlib.suppress(OSError):  # the file system needs some of it itself
-            os.posix_fallocate(f.fileno(), 0, max(s.f_bavail * s.f_bsize - self.rng.randrange(60 << 10), 4096))
-        self.passes((74,))
-        expect(self.store.alive(), "acutd ended")
+        with open(other, "wb", buffering=0) as f:
+            with contextlib.suppress(OSError):  # the file system needs some of it itself
+                os.posix_fallocate(f.fileno(), 0, max(s.f_bavail * s.f_bsize - (1 << 20), 4096))
+            with contextlib.suppress(OSError):
+                f.seek(0, os.SEEK_END)
+                while f.write(bytes(4096)):
+                    pass
+            f.truncate(max(f.tell() - self.rng.randrange(40 << 10), 0))
+        # The older revision may be ended by SIGBUS.
+        ended = self.passes((69, 74) if self.program else (74,))
+        expect(self.program or self.store.alive(), "acutd ended")
         os.unlink(other)
+        return 74 in ended
 
     def failing_calls(self):
         self.stop()
         call, error = self.rng.choice(FAILING)
         inject = "inject=%s:error=%s:when=%d%s" % (call, error, self.rng.randrange(1, 25), self.rng.choice(["", "+"]))
+        trace = os.path.join(self.base, "trace")
         try:
-            self.store.start(prefix=["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=" + call, "-e", inject])
+            self.store.start(prefix=["strace", "-f", "-qq", "-o", trace, "-e", "trace=" + call, "-e", inject])
         except Fault:
             # The older revision took some errors of the disk for damage.
             self.judge("acutd", self.store.process.returncode, (74, 78) if self.program else (74,), self.store.log_text())
         self.passes((69, 74, 75))
+        with open(trace, errors="replace") as f:
+            return "(INJECTED)" in f.read()
 
     def upgrade(self):
         """Another program in the place of this one, in the middle of a pass; its client may be the first that is used."""
         p, want = self.start_pass(self.today[0])
         time.sleep(self.rng.uniform(0, .06))
         self.install((self.program + 1) % len(self.programs))
+        struck = p.poll() is None
         self.stop()
         self.judge("ingest", p.wait(e2e.PATIENCE), (want, 69, 74, 75))
         self.store.start()
         self.upgrades += 1
+        return struck
 
     def no_daemon(self):
         self.stop()
-        for drop in self.today:
-            self.ctl(*self.command(drop), status=(69,) if drop.waiting else (0,))
+        return 69 in {self.ctl(*self.command(drop), status=(69,) if drop.waiting else (0,)).status for drop in self.today}
 
     def two_passes(self):
+        ended = set()
         for drop in self.today:
             fd = os.open(drop.folder, os.O_RDONLY)
             fcntl.flock(fd, fcntl.LOCK_EX)
-            self.ctl(*self.command(drop), status=(75,))
+            ended.add(self.ctl(*self.command(drop), status=(75,)).status)
             os.close(fd)
+        return ended == {75}
 
     def night(self, n):
         name = "month%02d" % (n // self.month + 1)
@@ -300,7 +329,7 @@ class World:
             self.rng.shuffle(self.deck)
         kind = self.deck.pop()
         try:
-            getattr(self, kind)()
+            struck = getattr(self, kind)()
             if kind in ("killed", "killed_at_a_call", "power_cut", "failing_calls", "no_daemon") or not self.store.alive():
                 self.restart()
             self.passes()  # the morning: nothing is wrong any more
@@ -319,6 +348,11 @@ class World:
         except Exception as e:
             raise Fault("night %d (%s): %s: %s\n%s" % (n + 1, kind, type(e).__name__, e, e2e.where(e)))
         self.kinds[kind] += 1
+        self.struck[kind] += struck
+
+    def check_struck(self):
+        idle = ["%s in %d nights" % (k, n) for k, n in sorted(self.kinds.items()) if n >= ENOUGH and not self.struck[k]]
+        expect(not idle, "faults that never struck: %s" % ", ".join(idle))
 
     # ---- weeks ----
 
@@ -453,6 +487,7 @@ def nights():
             for i in range(n):
                 world.night(i)
             world.level()
+            world.check_struck()
             world.stop()
         except Exception:
             print(world.store.log_text())
@@ -460,7 +495,8 @@ def nights():
         finally:
             world.store.kill()
             world.place.down()
-        print(", ".join("%d %s" % (c, k) for k, c in sorted(world.kinds.items())))
+        print("nights in which the fault struck: " + ", ".join("%s %d of %d" % (k, world.struck[k], n) for k, n in sorted(world.kinds.items())
+                                                               if k != "quiet"))
         print("%d exit statuses as expected: %s" % (sum(world.statuses.values()), dict(sorted(world.statuses.items()))))
         print("%d files taken, %d refused; 0 lost, 0 doubled; %d power cuts, %d upgrades between %d programs, %d restores; %d points; %.0f s" %
               (sum(d.taken for d in [world.year, *world.drops.values()]), sum(d.refused for d in [world.year, *world.drops.values()]), world.cuts,

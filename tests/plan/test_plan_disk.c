@@ -32,10 +32,14 @@ static void test_sweep(void **state)
 
 	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
 		close(openat(dirfd, all[i], O_CREAT | O_WRONLY, 0600));
-	assert_int_equal(plan_file_sweep(dirfd, 9, among, jobs, &err), 0);
+	assert_int_equal(plan_file_sweep(dirfd, 9, among, jobs, &(atomic_bool){true}, &err), -ERR_CANCELLED);
+	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+		assert_true(is_there(all[i]));
+	err_clear(&err);
+	assert_int_equal(plan_file_sweep(dirfd, 9, among, jobs, &(atomic_bool){false}, &err), 0);
 	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
 		assert_int_equal(is_there(all[i]), stays[i]);
-	assert_int_equal(plan_file_sweep(dirfd, 10, among, NULL, &err), 0);
+	assert_int_equal(plan_file_sweep(dirfd, 10, among, NULL, NULL, &err), 0);
 	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
 		assert_false(is_there(all[i]));
 }
@@ -84,7 +88,7 @@ static void test_sweep_writes(void **state)
 	table.readdir = held_readdir;
 	table.openat = noting_openat;
 	io = &table;
-	assert_int_equal(plan_file_sweep(dirfd, 7, among, jobs, &err), 0);
+	assert_int_equal(plan_file_sweep(dirfd, 7, among, jobs, NULL, &err), 0);
 	assert_int_equal(pthread_join(writer, NULL), 0);
 	io = &io_system;
 	assert_true(writes);

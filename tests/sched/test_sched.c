@@ -361,6 +361,95 @@ static void hanging(void **state)
 	ledger_free(ledger);
 }
 
+static void wait_extra(struct sched *s, unsigned n)
+{
+	uint64_t since = clock_mono_ns();
+
+	while (sched_extra_threads(s) != n && clock_since(since) < TOO_LONG)
+		usleep(1000);
+	assert_int_equal(sched_extra_threads(s), n);
+}
+
+/* A file that hung gives something again: other tasks of its flow start, before its task ends, and a thread ends. Held a second
+ * time, it gets the thread that was to end, if that has not yet. */
+static void hung_for_a_while(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 64 << 20, 2);
+	_Atomic int gate = 0, gate2 = 0;
+	struct job hangs = make(s, 1, 0, SCHED_NORMAL), busy[2], helper = make(s, 3, 0, SCHED_FIRST);
+
+	hangs.gate = &gate;
+	hangs.task.lengthy = hangs.task.reads = helper.task.lengthy = helper.task.reads = true;
+	hangs.task.owner = helper.task.owner = (struct sched_owner){.uid = 7, .flow = 1};
+	for (int i = 0; i < 2; i++) {
+		busy[i] = make(s, 4 + i, 0, SCHED_NORMAL);
+		busy[i].gate = &gate2;
+		busy[i].task.lengthy = true;
+		busy[i].task.owner = (struct sched_owner){.uid = 8, .flow = 2};
+	}
+	sched_submit(s, &hangs.task);
+	wait_started(1);
+	assert_int_equal(sched_hold(s, 1), 1);
+	assert_true(sched_hangs(s, &helper.task.owner) && !sched_hangs(s, &busy[0].task.owner));
+	sched_submit(s, &busy[0].task);
+	sched_submit(s, &busy[1].task);
+	wait_started(3);
+	sched_submit(s, &helper.task);
+	usleep(20000);
+	assert_int_equal(atomic_load(&norder), 3);
+	sched_release(s, 1);
+	assert_false(sched_hangs(s, &helper.task.owner));
+	wait_extra(s, 1); /* all are busy */
+	assert_int_equal(sched_hold(s, 1), 1);
+	assert_int_equal(ledger_held(ledger, LEDGER_THREAD), sched_thread_bytes(1) / 3);
+	sched_release(s, 1);
+	gate2 = 1;
+	wait_done(s, 3);
+	assert_true(helper.task.ran);
+	wait_extra(s, 0);
+	assert_int_equal(ledger_held(ledger, LEDGER_THREAD), 0);
+	gate = 1;
+	wait_done(s, 4);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
+/* The same by the beats of a task that is watched, without its submitter. */
+static void watched(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 64 << 20, 1);
+	_Atomic int gate = 0;
+	struct job hangs = make(s, 1, 0, SCHED_NORMAL), other = make(s, 2, 0, SCHED_NORMAL);
+
+	hangs.gate = &gate;
+	hangs.task.lengthy = hangs.task.reads = hangs.task.watched = other.task.lengthy = true;
+	hangs.task.owner.flow = 1;
+	other.task.owner.flow = 2;
+	sched_submit(s, &hangs.task);
+	wait_started(1);
+	sched_submit(s, &other.task);
+	sched_watch(s, 1000);
+	assert_int_equal(sched_extra_threads(s), 0);
+	usleep(2000);
+	sched_watch(s, .001);
+	assert_int_equal(sched_extra_threads(s), 1);
+	wait_done(s, 1);
+	assert_true(other.task.ran);
+	atomic_fetch_add(&hangs.task.beats, 1);
+	sched_watch(s, .001);
+	wait_extra(s, 0);
+	usleep(2000);
+	sched_watch(s, .001);
+	assert_int_equal(sched_extra_threads(s), 1);
+	gate = 1;
+	wait_done(s, 2);
+	wait_extra(s, 0);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
 enum { MANY = 2000 };
 
 static void count(struct sched_task *t)
@@ -408,6 +497,8 @@ int main(void)
 		cmocka_unit_test(spare_for_others),
 		cmocka_unit_test(spare_for_who_waits),
 		cmocka_unit_test(hanging),
+		cmocka_unit_test(hung_for_a_while),
+		cmocka_unit_test(watched),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
