@@ -104,21 +104,24 @@ def read_dxf(path):
     return lines
 
 
-def by_fractions(vertices, triangles, step, base=Fraction(0), scale=100):
-    """Length by level, from each triangle; a vertex at the level is above it."""
+def by_triangles(vertices, triangles, step, base=Fraction(0), scale=100):
+    """Length by level, from each triangle, in whole numbers; a vertex at the level is above it."""
+    whole = math.lcm(step.denominator, base.denominator)
+    step, base = int(step * whole), int(base * whole)
     found = defaultdict(float)
     for t in triangles:
-        p = [vertices[i] for i in t]
+        p = [(x, y, z * whole) for x, y, z in (vertices[i] for i in t)]
         heights = [q[2] for q in p]
-        for i in range(math.ceil((min(heights) - base) / step), math.floor((max(heights) - base) / step) + 1):
+        for i in range(-((base - min(heights)) // step), (max(heights) - base) // step + 1):
             level, ends = i * step + base, []
             for a, b in ((p[0], p[1]), (p[1], p[2]), (p[2], p[0])):
                 if (a[2] >= level) != (b[2] >= level):
-                    part = (level - a[2]) / (b[2] - a[2])
-                    ends.append([a[k] + (b[k] - a[k]) * part for k in (0, 1)])
+                    part, of = level - a[2], b[2] - a[2]
+                    ends.append((a[0] * of + (b[0] - a[0]) * part, a[1] * of + (b[1] - a[1]) * part, of))
             if ends:
-                dx, dy = (float(ends[0][k] - ends[1][k]) / scale for k in (0, 1))
-                found[i] += math.hypot(dx, dy)
+                (x0, y0, of0), (x1, y1, of1) = ends
+                size = of0 * of1 * scale
+                found[i] += math.hypot((x0 * of1 - x1 * of0) / size, (y0 * of1 - y1 * of0) / size)
     return found
 
 
@@ -196,7 +199,7 @@ def lengths():
             vertices, triangles = read_ply(path["ply"])
             lines = read_gpkg(path["gpkg"])
             expect(len(lines) > 5, "%d lines" % len(lines))
-            compare(lines, by_fractions(vertices, triangles, step, start), step, start, count)
+            compare(lines, by_triangles(vertices, triangles, step, start), step, start, count)
             cells = border(triangles, vertices)
             for line in lines:
                 expect(line.closed or (on_border(cells, line.points[0]) and on_border(cells, line.points[-1])),

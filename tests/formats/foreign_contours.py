@@ -16,7 +16,7 @@ from fractions import Fraction
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
 import e2e  # noqa: E402
-from contours import by_fractions, length_of, near, read_ply, survey  # noqa: E402
+from contours import by_triangles, length_of, near, read_ply, survey  # noqa: E402
 from e2e import Daemon, Folder, expect  # noqa: E402
 
 POINTS = 20000
@@ -40,7 +40,7 @@ def gdal_reads_lines():
         path = {k: os.path.join(base, "m." + k) for k in ("ply", "gpkg", "geojson", "dxf")}
         for words, step in (("1m", Fraction(100)), ("1.005", Fraction(1005, 10))):
             d.ctl("mesh", las, "-o", path["ply"], *[w for k in ("gpkg", "geojson", "dxf") for w in ("-o", path[k], "--interval", words)]).ok()
-            want = by_fractions(*read_ply(path["ply"]), step)
+            want = by_triangles(*read_ply(path["ply"]), step)
             counts = set()
             for kind in ("gpkg", "geojson", "dxf"):
                 found, lines = defaultdict(float), gdal_lines(path[kind])
