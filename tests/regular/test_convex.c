@@ -217,7 +217,7 @@ static int set_up(void **state)
 	struct err err = ERR_INIT;
 
 	(void)state;
-	skip_fsync();
+	no_sync();
 	folder = folder_new();
 	polygon(&set);
 	stage_sources(&folder, &set, 1, &segment);
