@@ -35,13 +35,6 @@ static bool disc_meets(const struct regular_disc *d, const int32_t box[4], doubl
 	return value <= d->more - lack + SLACK * (slack + fabs(d->more) + lack);
 }
 
-static void disc_box(const struct regular_disc *d, double lack, int32_t ret[4])
-{
-	const struct regular_disc less = {d->disc, d->more - lack};
-
-	regular_disc_box(&less, ret);
-}
-
 uint32_t regular_disc_groups(const struct regular_work *w)
 {
 	return w->nwhole + (w->ndisc + REGULAR_GROUP - 1) / REGULAR_GROUP;
@@ -78,8 +71,9 @@ int regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
 			return rc;
 		make_room(w);
 	}
-	disc_box(&d, 0, one.box);
-	disc_box(&d, (double)w->most, one.bare);
+	regular_disc_box(&d, one.box);
+	/* Not by a difference of `more`, which has the error of the greatest weight. */
+	regular_disc_box(&(struct regular_disc){d.disc, -(double)regular_vertex(w, a).w}, one.bare);
 	group = &w->group[w->nwhole + w->ndisc / REGULAR_GROUP];
 	if (w->ndisc % REGULAR_GROUP == 0)
 		*group = one;
