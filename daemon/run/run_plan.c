@@ -251,7 +251,7 @@ static void plan_finish(struct run *w)
 	if (!w->r && m->refine)
 		w->r = refine_cut(w);
 	if (!w->r)
-		w->r = pipe_plan_probe(w->grid, &w->grid_view, &w->budget, m->memory, &w->plan, &w->err);
+		w->r = pipe_plan_probe(w->grid, &w->grid_view, &w->budget, m->memory, &w->task.cancel, &w->plan, &w->err);
 	if (!w->r && w->plan_only)
 		count_reusable(w, m->memory, m->bytes);
 	free(m->memory);

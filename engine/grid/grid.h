@@ -5,6 +5,7 @@
 #ifndef GRID_H
 #define GRID_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -114,6 +115,8 @@ struct grid_visitor {
 struct grid_reader;
 size_t grid_reader_bytes(const struct grid *);
 int grid_reader_new(const struct grid *, void *memory, size_t size, struct grid_reader **ret, struct err *);
+/* Another thread sets *cancel: reading a cell is -ERR_CANCELLED from then on. */
+void grid_reader_until(struct grid_reader *, const atomic_bool *cancel);
 struct grid_reader *grid_reader_free(struct grid_reader *); /* `memory` stays the caller's */
 
 struct grid_reader_stats {

@@ -171,6 +171,7 @@ struct grid_reader {
 	uint8_t *flags;               /* GRID_CELL_RECORDS: which sources of a block are live */
 	struct lineset_reader *lines; /* NULL: none */
 	uint32_t *ids;                /* grid_reader_ids; NULL: not wanted */
+	const atomic_bool *cancel;    /* grid_reader_until; NULL: never */
 };
 
 static inline uint8_t *grid_reader_page(const struct grid_reader *r, unsigned level)

@@ -359,12 +359,19 @@ void grid_trim(struct point **pts, size_t *n, uint64_t lo, uint64_t hi)
 	*n = from - first;
 }
 
+void grid_reader_until(struct grid_reader *r, const atomic_bool *cancel)
+{
+	r->cancel = cancel;
+}
+
 int grid_cell_read(struct grid_reader *r, const struct grid_cell *cell, grid_points_fn sink, void *ctx, struct err *err)
 {
 	struct grid_cursor c;
 	struct point *pts;
 	size_t n;
 
+	if (r->cancel && atomic_load(r->cancel))
+		return err_set(err, ERR_CANCELLED, "the search was cancelled");
 	if (grid_cell_dead(r->grid, cell))
 		return 0;
 	for (grid_cursor_cell(&c, cell); c.block < cell->blocks;) {

@@ -5,6 +5,7 @@
 #ifndef PIPE_H
 #define PIPE_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -150,11 +151,12 @@ enum { PIPE_E_EMPTY = 2 };
 int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
 	      struct cut_plan *ret, struct mesh_counts *ret_empty, struct err *err);
 /* The two steps of pipe_plan, for callers that refine the plan between them (pipe_refine): making the leaves, and
- * estimating their halos. If the second fails, it empties the plan. */
+ * estimating their halos. If the second fails, it empties the plan. Another thread sets *cancel (NULL: never):
+ * -ERR_CANCELLED. */
 int pipe_plan_make(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
 		   struct cut_plan *ret, struct mesh_counts *ret_empty, struct err *err);
 int pipe_plan_probe(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
-		    struct cut_plan *plan, struct err *err);
+		    const atomic_bool *cancel, struct cut_plan *plan, struct err *err);
 
 /* cut_plan_split for a plan made by pipe_plan, for any view. */
 int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, const struct view *view, uint64_t need,

@@ -55,7 +55,7 @@ int pipe_plan_make(const struct grid *grid, const struct view *view, const struc
 }
 
 int pipe_plan_probe(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
-		    struct cut_plan *plan, struct err *err)
+		    const atomic_bool *cancel, struct cut_plan *plan, struct err *err)
 {
 	size_t reader_size = grid_reader_bytes(grid);
 	uint8_t *scratch = (uint8_t *)memory + align_line(reader_size);
@@ -65,6 +65,8 @@ int pipe_plan_probe(const struct grid *grid, const struct view *view, const stru
 	if (view->window || cut_plan_flat(plan))
 		return 0;
 	r = grid_reader_new(grid, memory, reader_size, &reader, err);
+	if (!r)
+		grid_reader_until(reader, cancel);
 	if (!r)
 		r = cut_plan_probe_rim(plan, reader, view, pipe_weight_cap(view, budget->cap), scratch, tri_bytes(budget->cap),
 				       err);
@@ -85,7 +87,7 @@ int pipe_plan(const struct grid *grid, const struct view *view, const struct pip
 	if (r == PIPE_E_EMPTY)
 		*ret = plan;
 	if (!r)
-		r = pipe_plan_probe(grid, view, budget, memory, &plan, err);
+		r = pipe_plan_probe(grid, view, budget, memory, NULL, &plan, err);
 	if (!r)
 		*ret = plan;
 	return r;

@@ -76,9 +76,9 @@ struct run_domain *__wrap_run_domain_start(struct run *w, size_t index, enum sch
 }
 
 int __real_pipe_plan_probe(const struct grid *grid, const struct view *v, const struct pipe_budget *budget, void *memory,
-			   struct cut_plan *plan, struct err *err);
+			   const atomic_bool *cancel, struct cut_plan *plan, struct err *err);
 int __wrap_pipe_plan_probe(const struct grid *grid, const struct view *v, const struct pipe_budget *budget, void *memory,
-			   struct cut_plan *plan, struct err *err);
+			   const atomic_bool *cancel, struct cut_plan *plan, struct err *err);
 
 int __real_pipe_store(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
 		      const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err);
@@ -94,9 +94,9 @@ int __wrap_pipe_store(int storefd, const struct pipe_key *key, const struct cut_
 
 /* The search has ended. */
 int __wrap_pipe_plan_probe(const struct grid *grid, const struct view *v, const struct pipe_budget *budget, void *memory,
-			   struct cut_plan *plan, struct err *err)
+			   const atomic_bool *cancel, struct cut_plan *plan, struct err *err)
 {
-	int r = __real_pipe_plan_probe(grid, v, budget, memory, plan, err);
+	int r = __real_pipe_plan_probe(grid, v, budget, memory, cancel, plan, err);
 
 	for (size_t i = 0; !r && seen.light && i < plan->n; i++)
 		plan->leaf[i].count = i ? plan->leaf[i].count + 1 : 0;
