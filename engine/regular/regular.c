@@ -133,14 +133,14 @@ static int turns(struct regular_work *w, uint64_t *ret_need)
 		uint32_t before = w->r.nvertex;
 		int rc;
 
-		w->limit = UINT64_MAX;
+		w->limited = false;
 		borrow(w);
 		rc = regular_watch(w, first);
 		w->c->turns++;
 		if (rc || !w->npoint || w->c->not_verified)
 			return rc;
 		/* If some did not fit the list, all is verified again; and those of an area, which may be other triangles now. */
-		first = w->limit == UINT64_MAX && !w->c->area ? before : 0;
+		first = !w->limited && !w->c->area ? before : 0;
 		rc = add_points(w, ret_need);
 		if (rc)
 			return rc;

@@ -99,8 +99,9 @@ struct regular_work {
 	struct point *few_points;
 	uint32_t least_cross, least_points;
 	struct cut_cover cover; /* of the trace */
-	uint64_t limit;         /* the key from which on points are not taken in this turn; UINT64_MAX: all are */
-	uint32_t steps;         /* since the last call of `progress` */
+	bool limited;           /* points are not taken in this turn from the key `limit` on, which can be the greatest one */
+	uint64_t limit;
+	uint32_t steps; /* since the last call of `progress` */
 };
 
 static inline bool regular_bit(const uint64_t *bits, uint32_t i)

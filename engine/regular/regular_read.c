@@ -127,6 +127,7 @@ static void make_room(struct regular_work *w)
 	regular_reduce(w);
 	if (w->npoint <= w->mostpoint / 4 * 3)
 		return;
+	w->limited = true;
 	w->limit = point_morton(p->x, p->y);
 	w->npoint = w->mostpoint / 2;
 }
@@ -158,7 +159,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 			continue;
 		if (w->npoint == w->mostpoint)
 			make_room(w);
-		if (w->limit < UINT64_MAX && point_morton(p->x, p->y) >= w->limit)
+		if (w->limited && point_morton(p->x, p->y) >= w->limit)
 			continue;
 		w->point[w->npoint++] = *p;
 	}

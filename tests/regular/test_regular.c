@@ -333,6 +333,13 @@ static void domains_are_the_whole(void **unused)
 	assert_true(n < 1000 || (hidden > positions / 20 && added > 0 && splits > 0 && infinite > domains / 10));
 }
 
+/* A list of points that is full at the position with the greatest key of all. */
+static void the_greatest_key_is_a_limit(void **unused)
+{
+	for (cases = 0; cases < 3;)
+		assert_true(one_case(UINT64_C(7002608) * UINT64_C(0x2545f4914f6cdd1d), ALL));
+}
+
 /* The controls. */
 static void the_halo_alone_is_too_little(void **unused)
 {
@@ -368,6 +375,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(domains_are_the_whole),
+		cmocka_unit_test(the_greatest_key_is_a_limit),
 		cmocka_unit_test(the_halo_alone_is_too_little),
 		cmocka_unit_test(the_hull_matters),
 	};
