@@ -337,6 +337,7 @@ void run_domain_trim(struct run_domain *, size_t held);   /* keeps the first `he
 void run_domain_unmap(struct run_domain *);
 
 /* run_arena.c. Loop: of a run whose triangles are read */
+bool run_arena_is_scarce(const struct run *);     /* others lack memory, or may soon: no arena passes */
 bool run_arena_passes(const struct run_domain *); /* its memory goes to the next domain as a whole, so it is not trimmed */
 bool run_arena_inherit(struct run_domain *);      /* before it is submitted; false: its task takes the memory */
 void run_arena_leave(struct run_domain *);        /* its memory becomes a free arena, or is unmapped */

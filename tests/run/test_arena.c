@@ -15,6 +15,7 @@ enum { THREADS = 2, POINTS = 400000 };
 static struct {
 	atomic_uint asked, own, put, bare;
 	unsigned made, passed; /* with a reader: domains submitted; those that got the arena of another one */
+	unsigned huge;         /* those in huge pages */
 	atomic_bool want;      /* from the first returned arena on, somebody else lacks memory */
 	struct sched_task hungry;
 	atomic_uint fed, fed_at; /* it has its memory; and how many had been asked for then */
@@ -88,6 +89,7 @@ bool __wrap_run_arena_inherit(struct run_domain *d)
 	seen.asked++;
 	seen.made++;
 	seen.passed += is;
+	seen.huge += d->huge;
 	if (is)
 		be_hungry();
 	return is;
@@ -250,6 +252,30 @@ static void passed_on(void **state)
 	}
 }
 
+/* Of a user who may not have all memory, no arena passes to another domain, and small domains have small pages. */
+static void limited(void **state)
+{
+	static struct reader r;
+	struct dataset *d;
+	struct job *job;
+
+	(void)state;
+	h.service->core->p.limits.user.memory = 90;
+	run_huge_count = 0;
+	r = (struct reader){.output.calls = &reader_calls};
+	d = push("", POINTS, 1);
+	job = submit(d, true, VIEW);
+	job_fetch(job, &r.output);
+	turn_until(r.ends);
+	assert_false(r.failed);
+	assert_true(seen.made > 4 * THREADS);
+	assert_int_equal(seen.passed, 0);
+	assert_int_equal(seen.huge, 0);
+	job_leave(job);
+	turn_until(!service_active(h.service));
+	dataset_release(d);
+}
+
 /* The reader is slow after some blocks, and leaves. */
 static void left(void **state)
 {
@@ -280,8 +306,8 @@ static void left(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {TEST(go_round),        TEST(given_up),  TEST(stopped),
-					   TEST(split_or_failed), TEST(passed_on), TEST(left)};
+	const struct CMUnitTest tests[] = {TEST(go_round),  TEST(given_up), TEST(stopped), TEST(split_or_failed),
+					   TEST(passed_on), TEST(left),     TEST(limited)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
