@@ -131,8 +131,7 @@ void run_arena_leave(struct run_domain *d)
 	run_arena_put(d);
 }
 
-/* What is behind the results of domains that wait for their reader. */
-static void trim_results(struct run *w)
+void run_arenas_trim_results(struct run *w)
 {
 	for (struct run_domain *d = w->domains; d; d = d->next)
 		if (d->state == DOMAIN_READY || d->state == DOMAIN_SENDING)
@@ -158,7 +157,7 @@ void run_arenas_trim(struct run *w)
 	unsigned most = arenas_most(w);
 
 	if (has_reader(w) && run_arena_is_scarce(w))
-		trim_results(w);
+		run_arenas_trim_results(w);
 	while ((w->arenas.owned > most || sched_starved(w->runs->core->p.sched)) && run_arena_take(&one)) {
 		munmap(one.memory, one.size);
 		w->arenas.owned--;
