@@ -25,6 +25,7 @@ import threading
 import time
 
 import faults
+import mounts
 import power
 from faults import Fault, Killed, Store, e2e, expect
 from nights_model import Drop
@@ -73,18 +74,12 @@ def older_program():
 
 def may_mount(base):
     """Why file systems cannot be mounted here; None if they can."""
-    os.makedirs(base)
-    reason = os.geteuid() and "mounts need root"
     for tool in ("nbdkit", "nbdfuse", "fusermount3", "mkfs.ext4", "losetup"):
-        reason = reason or (not shutil.which(tool) and "%s is not installed" % tool)
-    reason = reason or (not os.path.exists(os.path.join(power.BUILD, "write_log.so")) and "the plugin of nbdkit was not built")
-    if not reason:
-        power.make_disk(base + "/image", 4 << 20)
-        if e2e.run(["mount", "-o", "loop", base + "/image", base]).status:
-            reason = "no mounts of loop devices here"
-        else:
-            e2e.run(["umount", base]).ok()
-    return reason or None
+        if not shutil.which(tool):
+            return "%s is not installed" % tool
+    if not os.path.exists(os.path.join(power.BUILD, "write_log.so")):
+        return "the plugin of nbdkit was not built"
+    return mounts.unavailable_here(base)
 
 
 class Place:
@@ -102,7 +97,7 @@ class Place:
 
     def down(self):
         if self.mounted and os.path.ismount(self.mount):
-            e2e.until(lambda: e2e.run(["umount", self.mount]).status == 0, "the disk is in use", .1)
+            mounts.unmount(self.mount, self.image)
 
 
 class World:
@@ -111,7 +106,7 @@ class World:
         self.statuses, self.kinds, self.struck = collections.Counter(), collections.Counter(), collections.Counter()
         self.deck, self.figures = [], []
         self.jobs, self.aged, self.peak, self.cuts, self.drills, self.upgrades = {}, 0, 0, 0, 0, 0
-        reason = may_mount(os.path.join(base, "try"))
+        reason = may_mount(base)
         if reason:
             print("skipped: nights of power cuts and full disks: %s" % reason)
             expect(not os.environ.get("ACUT_TEST_PRIVILEGED"), "they must be possible here: %s" % reason)
