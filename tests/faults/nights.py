@@ -236,14 +236,16 @@ class World:
         with disk:
             self.store.start(env={})
             for drop in self.today:
+                begun = time.monotonic()
                 p, want = self.start_pass(drop)
                 if drop is self.today[-1]:
-                    time.sleep(self.rng.uniform(0, .12))
+                    time.sleep(self.rng.uniform(0, took))
                     p.send_signal(signal.SIGSTOP)
                     os.kill(self.store.pid(), signal.SIGSTOP)
                     cut = disk.logged()
                     p.kill()
                 ended = self.judge("ingest", p.wait(e2e.PATIENCE), (want, -signal.SIGKILL))
+                took = time.monotonic() - begun  # by the first pass, the second one is cut
             self.store.kill()
         image = power.Images(disk).at(cut, self.rng)
         with open(self.place.image, "wb") as f:
