@@ -19,6 +19,7 @@ import random
 import shutil
 import signal
 import sqlite3
+import statistics
 import subprocess
 import tarfile
 import threading
@@ -104,7 +105,7 @@ class World:
     def __init__(self, base, nights, month, rng):
         self.base, self.nights, self.month, self.rng = base, nights, month, rng
         self.statuses, self.kinds, self.struck = collections.Counter(), collections.Counter(), collections.Counter()
-        self.deck, self.figures = [], []
+        self.deck, self.figures, self.took = [], [], collections.deque(maxlen=9)
         self.jobs, self.aged, self.peak, self.cuts, self.drills, self.upgrades = {}, 0, 0, 0, 0, 0
         reason = may_mount(base)
         if reason:
@@ -155,7 +156,16 @@ class World:
 
     def passes(self, also=()):
         """One over each folder. `also`: statuses that the fault of this night allows. Returns the statuses."""
-        return {self.ctl(*self.command(drop), status={drop.status(), *also}).status for drop in self.today}
+        ended = set()
+        for drop in self.today:
+            begun = time.monotonic()
+            ended.add(self.ctl(*self.command(drop), status={drop.status(), *also}).status)
+            self.took.append(time.monotonic() - begun)
+        return ended
+
+    def moment(self):
+        """Seconds until a fault comes. Most come while a pass runs, on fast machines and on busy ones."""
+        return self.rng.uniform(0, 1.5 * statistics.median(self.took or [.04]))
 
     def start_pass(self, drop, prefix=()):
         want = drop.status()
@@ -188,7 +198,7 @@ class World:
         return True
 
     def killed(self):
-        timer = threading.Timer(self.rng.uniform(0, .06), self.store.kill_inner)
+        timer = threading.Timer(self.moment() * len(self.today), self.store.kill_inner)
         timer.start()
         self.passes((69, 74))
         struck = not self.store.alive()
@@ -210,7 +220,7 @@ class World:
         ended = set()
         for drop in self.today:
             p, want = self.start_pass(drop)
-            time.sleep(self.rng.uniform(0, .04))
+            time.sleep(self.moment())
             p.kill()
             ended.add(self.judge("ingest", p.wait(), (want, -signal.SIGKILL)))
         return -signal.SIGKILL in ended
@@ -236,16 +246,14 @@ class World:
         with disk:
             self.store.start(env={})
             for drop in self.today:
-                begun = time.monotonic()
                 p, want = self.start_pass(drop)
                 if drop is self.today[-1]:
-                    time.sleep(self.rng.uniform(0, took))
+                    time.sleep(self.moment())
                     p.send_signal(signal.SIGSTOP)
                     os.kill(self.store.pid(), signal.SIGSTOP)
                     cut = disk.logged()
                     p.kill()
                 ended = self.judge("ingest", p.wait(e2e.PATIENCE), (want, -signal.SIGKILL))
-                took = time.monotonic() - begun  # by the first pass, the second one is cut
             self.store.kill()
         image = power.Images(disk).at(cut, self.rng)
         with open(self.place.image, "wb") as f:
@@ -292,7 +300,7 @@ class World:
     def upgrade(self):
         """Another program in the place of this one, in the middle of a pass; its client may be the first that is used."""
         p, want = self.start_pass(self.today[0])
-        time.sleep(self.rng.uniform(0, .06))
+        time.sleep(self.moment())
         self.install((self.program + 1) % len(self.programs))
         struck = p.poll() is None
         self.stop()
