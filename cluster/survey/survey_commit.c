@@ -263,8 +263,10 @@ static int publish(struct commit *c, const struct grid_manifest *m, struct err *
 	struct grid_apart apart = {.name = "sources", .as = sources + strlen(WORK_IN_DATASET "/")};
 	int r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "manifest", "", temp, err);
 
+	/* An attempt that is killed leaves it. Without a dot it would be taken for a file of the dataset (acutctl dataset
+	 * import). */
 	if (!r)
-		r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "sources", "", sources, err);
+		r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "sources", ".new", sources, err);
 	if (!r)
 		r = grid_manifest_write_apart(c->dataset, temp + strlen(WORK_IN_DATASET "/"), &apart, m, err);
 	/* First what the manifest names. */

@@ -5,6 +5,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -272,6 +273,53 @@ static void an_attempt_that_ends_early_counts_for_nothing(void **state)
 	work_close(w);
 }
 
+static const char *kills_at; /* the first letters of a name */
+
+static int killing_linkat(int from, const char *old, int to, const char *name, int flags)
+{
+	if (!strncmp(name, kills_at, strlen(kills_at)))
+		raise(SIGKILL);
+	return io_system.linkat(from, old, to, name, flags);
+}
+
+/* Ends when it is to give a file that name. */
+static void kill_commit(struct work *w, const struct survey_params *p, const char *at)
+{
+	struct err err = ERR_INIT;
+	pid_t child = fork();
+	int status;
+
+	if (!child) {
+		kills_at = at;
+		no_sync()->linkat = killing_linkat;
+		survey_commit(w, p, &err);
+		_exit(1);
+	}
+	assert_int_equal(waitpid(child, &status, 0), child);
+	assert_true(WIFSIGNALED(status));
+}
+
+/* What it leaves is not taken for a file of the dataset. */
+static void a_killed_commit_leaves_a_dataset_that_can_be_imported(void **state)
+{
+	static const char *const at[] = {"sources", "manifest", "done/commit"};
+	struct inputs in = tiles();
+	struct survey_params p = params();
+
+	for (unsigned i = 0; i < 3; i++) {
+		struct work *w = make_run(&in, &one_stage);
+		struct err err = ERR_INIT;
+
+		check(survey_head(w, &p, &err), &err);
+		check(survey_stage(w, 0, &p, &err), &err);
+		told.left = true;
+		kill_commit(w, &p, at[i]);
+		check(survey_commit(w, &p, &err), &err);
+		assert_int_equal(content_of(w).points, FILES * 2 * POINTS);
+		work_close(w);
+	}
+}
+
 /* What is said of the inputs reaches all phases. */
 static void degrees_are_projected_in_the_stages(void **state)
 {
@@ -432,6 +480,7 @@ int main(void)
 		TEST(sorted_ranges_have_the_same_records),
 		TEST(two_attempts_at_once_leave_one_dataset),
 		TEST(an_attempt_that_ends_early_counts_for_nothing),
+		TEST(a_killed_commit_leaves_a_dataset_that_can_be_imported),
 		TEST(degrees_are_projected_in_the_stages),
 		TEST(what_is_odd_is_counted),
 		TEST(without_points_there_is_an_empty_dataset),
