@@ -586,12 +586,41 @@ static void test_memory(void **state)
 	folder_remove(&f);
 }
 
+/* Sorting the batches takes memory only until the grid is open. */
+static void test_open_memory(void **state)
+{
+	struct folder f = folder_new();
+	struct ledger *ledger = ledger_new(1 << 24);
+	uint64_t charged[2], peak[2];
+
+	for (int i = 0; i < 2; i++) {
+		struct err err = ERR_INIT;
+		struct grid_apart a;
+		struct grid *g;
+
+		model_start(3000);
+		for (size_t k = 1; i && k < model.n; k += 2)
+			model.source[k].removed = 1;
+		CHECK(write_next(&f, NULL, "sources-1", &a, &err));
+		CHECK(grid_open(f.fd, "m", GRID_NEWEST, ledger, 1 << 20, &g, &err));
+		charged[i] = grid_charged(g);
+		peak[i] = ledger_peak(ledger, LEDGER_INDEX);
+		assert_int_equal(ledger_held(ledger, LEDGER_INDEX), charged[i]);
+		grid_close(g);
+		assert_true(ledger_left(ledger) == 1 << 24);
+	}
+	assert_true(peak[1] - peak[0] >= 2999 * 2 * sizeof(struct grid_batch));
+	assert_true(charged[1] - charged[0] < 2999 * sizeof(struct grid_batch));
+	ledger_free(ledger);
+	folder_remove(&f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_chains), cmocka_unit_test(test_few_bytes), cmocka_unit_test(test_changed),
 		cmocka_unit_test(test_damage), cmocka_unit_test(test_rubbish),   cmocka_unit_test(test_failing_calls),
-		cmocka_unit_test(test_memory), cmocka_unit_test(test_foreign),
+		cmocka_unit_test(test_memory), cmocka_unit_test(test_foreign),   cmocka_unit_test(test_open_memory),
 	};
 
 	no_sync();
