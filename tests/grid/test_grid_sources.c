@@ -586,6 +586,42 @@ static void test_memory(void **state)
 	folder_remove(&f);
 }
 
+/* With the bare manifest it takes more than half of the memory, without it less: no waiting helps. */
+static void test_never_fits(void **state)
+{
+	struct folder f = folder_new();
+	struct ledger *ledger = ledger_new(1 << 24);
+	struct grid_manifest *m;
+	struct err err = ERR_INIT;
+	struct grid_apart a;
+	uint64_t bare, more, all, held;
+
+	model_start(3000);
+	for (size_t i = 1; i < model.n; i += 2)
+		model.source[i].removed = 1; /* as many batches as sources */
+	CHECK(write_next(&f, NULL, "sources-1", &a, &err));
+	CHECK(grid_manifest_load_bare(f.fd, "m", ledger, &m, &err));
+	bare = m->charged;
+	held = ledger_peak(ledger, LEDGER_MANIFEST);
+	CHECK(grid_manifest_complete(f.fd, m, &err));
+	more = ledger_peak(ledger, LEDGER_MANIFEST) - bare;
+	assert_true(bare > 100000 && more > bare);
+	grid_manifest_free(m);
+	ledger_free(ledger);
+	all = 2 * more + bare;
+	ledger = ledger_new(all);
+	assert_true(ledger_take(ledger, LEDGER_STAGE, all - held));
+	CHECK(grid_manifest_load_bare(f.fd, "m", ledger, &m, &err));
+	assert_int_equal(grid_manifest_complete(f.fd, m, &err), -ERR_LIMIT);
+	assert_true(m->bare && m->nsources == 0 && m->charged == bare);
+	grid_manifest_free(m);
+	ledger_give(ledger, LEDGER_STAGE, all - held);
+	CHECK(grid_manifest_load(f.fd, "m", ledger, &m, (err_clear(&err), &err)));
+	grid_manifest_free(m);
+	ledger_free(ledger);
+	folder_remove(&f);
+}
+
 /* Sorting the batches takes memory only until the grid is open. */
 static void test_open_memory(void **state)
 {
@@ -618,9 +654,10 @@ static void test_open_memory(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_chains), cmocka_unit_test(test_few_bytes), cmocka_unit_test(test_changed),
-		cmocka_unit_test(test_damage), cmocka_unit_test(test_rubbish),   cmocka_unit_test(test_failing_calls),
-		cmocka_unit_test(test_memory), cmocka_unit_test(test_foreign),   cmocka_unit_test(test_open_memory),
+		cmocka_unit_test(test_chains),      cmocka_unit_test(test_few_bytes), cmocka_unit_test(test_changed),
+		cmocka_unit_test(test_damage),      cmocka_unit_test(test_rubbish),   cmocka_unit_test(test_failing_calls),
+		cmocka_unit_test(test_memory),      cmocka_unit_test(test_foreign),   cmocka_unit_test(test_never_fits),
+		cmocka_unit_test(test_open_memory),
 	};
 
 	no_sync();

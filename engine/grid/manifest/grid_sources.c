@@ -231,7 +231,7 @@ int grid_manifest_complete(int dirfd, struct grid_manifest *m, struct err *err)
 		return rc;
 	charged = bytes + largest + m->nall * (sizeof *m->sources + 2 * sizeof(char *)) +
 		  m->nbatches * (2 * sizeof *m->batches + sizeof(size_t));
-	if (m->ledger && (rc = manifest_charge(m->ledger, charged, m->files[0].name, err)))
+	if (m->ledger && (rc = manifest_charge(m->ledger, charged, m->charged, m->files[0].name, err)))
 		return rc;
 	rc = make_places(m, &places, err);
 	if (rc == 0)
