@@ -116,7 +116,7 @@ static const char *take_file(struct grid_manifest *m, const struct grid_sources_
 	for (uint32_t i = 0; i < f->n; i++) {
 		struct grid_source s = {.file = f->check}, *place;
 
-		if (!manifest_unpack_source(&c, m, DISK_MANIFEST_VERSION, pool, &none, &s))
+		if (!manifest_unpack_source(&c, m, DISK_SOURCES_LAYOUT, pool, &none, &s))
 			return "a source in it is malformed";
 		place = place_of(to, s.id);
 		if (s.id <= last || !place || place->name)
