@@ -651,13 +651,51 @@ static void test_open_memory(void **state)
 	folder_remove(&f);
 }
 
+static size_t largest;
+
+static ssize_t large_pread(int fd, void *buf, size_t n, off_t off)
+{
+	largest = n > largest ? n : largest;
+	return io_system.pread(fd, buf, n, off);
+}
+
+static ssize_t large_pwrite(int fd, const void *buf, size_t n, off_t off)
+{
+	largest = n > largest ? n : largest;
+	return io_system.pwrite(fd, buf, n, off);
+}
+
+/* Writing and verifying a file take the memory of a piece. */
+static void test_pieces(void **state)
+{
+	const struct io_table *before = io;
+	struct folder f = folder_new();
+	struct grid_manifest *m;
+	struct err err = ERR_INIT;
+	struct grid_apart a;
+
+	model_start(5000);
+	table = *io;
+	table.pread = large_pread;
+	table.pwrite = large_pwrite;
+	io = &table;
+	CHECK(write_next(&f, NULL, "sources-1", &a, &err));
+	CHECK(grid_manifest_load_bare(f.fd, "m", NULL, &m, &err));
+	assert_true(m->files[0].bytes > 300000);
+	CHECK(grid_sources_verify(f.fd, m, 0, &err));
+	assert_true(largest && largest <= 64 << 10);
+	io = before;
+	grid_manifest_free(m);
+	folder_remove(&f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_chains),      cmocka_unit_test(test_few_bytes), cmocka_unit_test(test_changed),
 		cmocka_unit_test(test_damage),      cmocka_unit_test(test_rubbish),   cmocka_unit_test(test_failing_calls),
 		cmocka_unit_test(test_memory),      cmocka_unit_test(test_foreign),   cmocka_unit_test(test_never_fits),
-		cmocka_unit_test(test_open_memory),
+		cmocka_unit_test(test_open_memory), cmocka_unit_test(test_pieces),
 	};
 
 	no_sync();
