@@ -103,6 +103,19 @@ def damage():
         refused("after a start")
         os.remove(path)
         refused("gone")
+        # Segments are read first: for them the manifest is enough.
+        segment = glob.glob(d.state + "/datasets/1/*.seg")[0]
+        with open(segment, "r+b") as f:
+            f.seek(4500)
+            byte = f.read(1)
+            f.seek(4500)
+            f.write(bytes([byte[0] ^ 1]))
+        r = d.ctl("cache", "verify", "--json")
+        found = [json.loads(line).get("damaged") for line in r.out.splitlines()]
+        expect(r.status == 1 and found == ["segment", "sources", 2], r.out)
+        with open(segment, "r+b") as f:
+            f.seek(4500)
+            f.write(byte)
         with open(path, "wb") as f:
             f.write(whole)
         d.ctl("push", "d", base + "/b").ok()
