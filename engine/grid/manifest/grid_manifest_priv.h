@@ -74,7 +74,7 @@ struct apart {
 };
 int manifest_apart_choose(const struct grid_manifest *, struct grid_apart *, struct apart *ret, struct err *err);
 void manifest_apart_done(struct apart *);
-int manifest_apart_write(int dirfd, const struct grid_manifest *, const struct grid_apart *, struct apart *, struct err *err);
+int manifest_apart_write(int dirfd, const struct grid_manifest *, struct grid_apart *, struct apart *, struct err *err);
 void manifest_pack_text(struct packer *, const char *text);
 void manifest_pack_source(struct packer *, const struct grid_source *);
 uint64_t manifest_source_bytes(const struct grid_source *); /* in a file */

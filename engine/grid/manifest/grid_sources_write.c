@@ -188,8 +188,7 @@ static int put_file(struct grid_file *out, const struct grid_source *const *s, s
 	return rc || grid_file_place(out) == f->bytes ? rc : err_set(err, ERR_INTERNAL, "a file of sources has another size");
 }
 
-int manifest_apart_write(int dirfd, const struct grid_manifest *m, const struct grid_apart *a, struct apart *apart,
-			 struct err *err)
+int manifest_apart_write(int dirfd, const struct grid_manifest *m, struct grid_apart *a, struct apart *apart, struct err *err)
 {
 	const char *name = a->as ? a->as : a->name;
 	struct grid_sources_file *f = &apart->files[apart->nfiles - 1];
@@ -200,11 +199,10 @@ int manifest_apart_write(int dirfd, const struct grid_manifest *m, const struct 
 
 	*f = (struct grid_sources_file){.n = (uint32_t)apart->nfresh};
 	s = sort_fresh(m, apart, &f->bytes);
-	if (strlen(name) >= GRID_NAME_MAX || strlen(a->name) >= sizeof f->name || f->bytes > MANIFEST_MOST) {
+	if (strlen(name) >= GRID_NAME_MAX || (a->name && strlen(a->name) >= sizeof f->name) || f->bytes > MANIFEST_MOST) {
 		free(s);
 		return err_set(err, ERR_LIMIT, "%zu sources cannot be written as '%s'", apart->nfresh, name);
 	}
-	snprintf(f->name, sizeof f->name, "%s", a->name);
 	buffer = s ? malloc(BUFFER) : NULL;
 	if (!buffer) {
 		free(s);
@@ -213,6 +211,11 @@ int manifest_apart_write(int dirfd, const struct grid_manifest *m, const struct 
 	rc = grid_file_create(&out, dirfd, name, buffer, BUFFER, err);
 	if (rc == 0)
 		rc = put_file(&out, s, f, err);
+	if (a->name)
+		snprintf(f->name, sizeof f->name, "%s", a->name);
+	else
+		snprintf(f->name, sizeof f->name, "sources-%016llx", (unsigned long long)f->check);
+	a->file = *f;
 	/* The name becomes durable with that of the manifest. */
 	if (rc == 0)
 		rc = grid_file_publish(&out, GRID_DURABLE_DATA, err);
