@@ -16,6 +16,10 @@
 
 enum { NFS_NAME = 64 };
 
+/* With these it stays the work folder of a run that is done, so that a clean that was interrupted can be repeated. */
+enum { LAST = 3 };
+static const char *const last[LAST] = {"done", WORK_INPUTS, WORK_ABOUT};
+
 struct cleaning {
 	const struct work *work;
 	const char *const *keep;
@@ -82,8 +86,10 @@ static int clean_entry(void *ctx, const struct dirent *e, struct err *err)
 		c->kept = true;
 		return 0;
 	}
-	/* With this file it stays a work folder until all else is gone, so that a clean that was interrupted can be repeated. */
-	return strcmp(e->d_name, WORK_ABOUT) ? io_folder_remove(c->work->fd, e->d_name, err) : 0;
+	for (unsigned i = 0; i < LAST; i++)
+		if (!strcmp(e->d_name, last[i]))
+			return 0;
+	return io_folder_remove(c->work->fd, e->d_name, err);
 }
 
 /* ---- files that are open ---- */
@@ -143,8 +149,9 @@ int work_clean(struct work *w, const char *const *keep, struct err *err)
 
 	if (!r)
 		r = explain_open(w, io_list(w->fd, ".", clean_entry, &c, err), err);
-	if (!r)
-		r = io_remove(w->fd, WORK_ABOUT, err);
+	for (unsigned i = 0; !r && i < LAST; i++)
+		if (!is_kept(&c, last[i]))
+			r = explain_open(w, io_folder_remove(w->fd, last[i], err), err);
 	if (r || c.kept || w->linked || !w->path)
 		return r;
 	if (io->unlinkat(AT_FDCWD, w->path, AT_REMOVEDIR) < 0 && errno != ENOENT)
