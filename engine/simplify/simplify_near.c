@@ -69,7 +69,7 @@ static int read_marked(struct simplify_near *w, const int32_t box[4], struct err
 static int read_box(struct simplify_near *w, struct err *err)
 {
 	w->point = tri_input(w->memory);
-	w->room = CAP;
+	w->room = w->cap;
 	simplify_raster_init(&w->c->raster, w->limit, SQUARES);
 	simplify_raster_square(&w->c->raster, w->limit);
 	memcpy(w->box, w->limit, sizeof w->box);
@@ -87,7 +87,8 @@ static void box_of(const struct simplify_near *w, const struct simplify_circle *
 	}
 }
 
-/* Reads the points in new discs, within the limit, and adds them to the triangulation. Keeps those discs that are within it. */
+/* Reads the points in new discs, within the limit, and adds them to the triangulation. Keeps those discs that are within it. If
+ * not all of the points fit, the triangulation is that of some, which is of no use. */
 static int read_discs(struct simplify_near *w, struct err *err)
 {
 	int32_t all[4], box[4];
@@ -107,16 +108,19 @@ static int read_discs(struct simplify_near *w, struct err *err)
 		simplify_raster_square(&w->c->raster, box);
 	}
 	w->point = (struct mesh_vertex *)(void *)(w->kind + CAP);
-	w->room = CAP;
+	w->room = w->cap;
 	r = read_marked(w, all, err);
 	if (r || w->full)
 		return r;
-	w->full = tri_add(w->memory, w->point, w->n, false) != 0;
+	if (tri_add(w->memory, w->point, w->n, false)) {
+		w->full = true;
+		w->begun = false;
+		return 0;
+	}
 	for (uint32_t i = w->nseen; i < w->ndisc; i++)
 		if (simplify_circle_within(&w->disc[i], w->limit))
 			w->disc[n++] = w->disc[i];
 	w->nseen = w->ndisc = n;
-	tri_result(w->memory, &w->tri);
 	return 0;
 }
 
@@ -218,14 +222,12 @@ static void set_limit(struct simplify_near *w, const int32_t stars[4], double by
 		w->limit[k] = clamp(stars[k] + (k < 2 ? -by : by));
 }
 
-/* *ret_done: there is a triangulation. */
-static int run(struct simplify_near *w, bool *ret_done, struct err *err)
+static int run(struct simplify_near *w, struct err *err)
 {
 	double by = w->side / MARGIN;
 	int32_t stars[4];
 	int r = 0;
 
-	*ret_done = false;
 	stars_box(w, stars);
 	for (unsigned i = 0; !r && i < TIMES && (!w->begun || w->ndisc > w->nseen); i++, by *= 2) {
 		set_limit(w, stars, by);
@@ -234,7 +236,7 @@ static int run(struct simplify_near *w, bool *ret_done, struct err *err)
 			break;
 		if (!w->begun && tri_run(w->memory, w->n))
 			continue;
-		w->begun = *ret_done = true;
+		w->begun = true;
 		tri_result(w->memory, &w->tri);
 		find_stars(w, stars);
 		find_doubtful(w);
@@ -253,10 +255,13 @@ int simplify_near(struct simplify_near *w, bool *ret_done, struct err *err)
 	w->sink.ctx = w;
 	w->sink.point = add_point;
 	w->kind = (uint8_t *)w->c->list;
-	w->memory = tri_init(w->c->domain + align_line(grid_reader_bytes(grid)), CAP);
+	w->cap = w->c->s->near ? w->c->s->near : CAP;
+	memset(w->kind, w->c->s->fill, CAP);
+	w->memory = tri_init(w->c->domain + align_line(grid_reader_bytes(grid)), w->cap);
 	w->begun = w->full = false;
 	w->nseen = w->ndisc = w->nread = 0;
-	r = run(w, ret_done, err);
+	r = run(w, err);
+	*ret_done = w->begun;
 	grid_reader_free(w->reader);
 	return r;
 }

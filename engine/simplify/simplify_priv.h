@@ -52,9 +52,10 @@ struct simplify {
 				(simplify_calm.c) */
 	atomic_uchar *done;  /* of each task */
 	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
-	 * 0: SIMPLIFY_SEGMENTS; triangles around the stars of a window; positions of a region with those that it adds. 0: as many
-	 * as fit. */
-	uint32_t load, block, segments, room, grow;
+	 * 0: SIMPLIFY_SEGMENTS; triangles around the stars of a window; positions of a region with those that it adds; points
+	 * from which triangles nearby are found. 0: as many as fit. */
+	uint32_t load, block, segments, room, grow, near;
+	uint8_t fill; /* for tests: what the memory of the kinds of vertices has at first (simplify_near.c) */
 	/* For tests: how many points regions added around which no later round tests; rounds that tested all regions again; all
 	 * points that regions add count as such, which is wrong. */
 	atomic_uint *settled, *again;

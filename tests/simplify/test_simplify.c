@@ -242,6 +242,9 @@ static struct how random_how(uint32_t heights)
 		h.room = 1 + (uint32_t)rnd(12);
 	if (rnd(5) == 0)
 		h.grow = 1 + (uint32_t)rnd(60);
+	if (rnd(3) == 0)
+		h.near = 8 + (uint32_t)rnd(60);
+	h.fill = (uint8_t)rnd(4);
 	return h;
 }
 
@@ -292,6 +295,10 @@ static void run_case(uint64_t seed, bool lines)
 	other = how;
 	other.more = rnd(2) ? 0 : 16 << 20;
 	other.shuffle = true;
+	other.fill = (uint8_t)((how.fill + 1 + rnd(3)) % 4);
+	/* Windows find the same triangles, but a group that needs both may count some of them twice. */
+	if (!how.room && rnd(2))
+		other.near = 0;
 	other.stop = rnd(2) ? 40 : 0;
 	if (rnd(8) == 0)
 		other.threads = 2 + (unsigned)rnd(2);
