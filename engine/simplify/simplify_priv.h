@@ -102,9 +102,10 @@ struct simplify_seed {
 	struct point p;
 	uint64_t key; /* as of struct simplify_pick, or one of: */
 };
-#define SIMPLIFY_SEED_LINE UINT64_MAX       /* a vertex of a line */
-#define SIMPLIFY_SEED_HULL (UINT64_MAX - 1) /* a corner of the block's hull */
-#define SIMPLIFY_SEED_FLAT (UINT64_MAX - 2) /* a point of a flat view */
+#define SIMPLIFY_SEED_LINE UINT64_MAX            /* a vertex of a line */
+#define SIMPLIFY_SEED_LINE_HULL (UINT64_MAX - 1) /* one that is a corner of the block's hull */
+#define SIMPLIFY_SEED_HULL (UINT64_MAX - 2)      /* another corner of the block's hull */
+#define SIMPLIFY_SEED_FLAT (UINT64_MAX - 3)      /* a point of a flat view; the least of these */
 /* In a key of struct simplify_pick: the point is a SIMPLIFY_EDGE, or SIMPLIFY_RING. So are vertices of lines and corners. */
 #define SIMPLIFY_SEED_EDGE (UINT64_C(1) << 62)
 #define SIMPLIFY_SEED_RING (UINT64_C(1) << 61)
