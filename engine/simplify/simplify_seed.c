@@ -141,7 +141,7 @@ static int hull_seed(void *ctx, const struct simplify_seed *seed, struct err *er
 	return 0;
 }
 
-/* Corners that are vertices of lines are chosen as these. They were compared, as points within the hull are no corners. */
+/* Corners that are vertices of lines are chosen already, as these. They are needed to find the others. */
 static int write_hull(const struct simplify *s, struct hull *h, uint64_t *ret_n, struct err *err)
 {
 	int r = simplify_out_begin(&h->out, s->p.dirfd, "hull", sizeof *h->pts, err);
