@@ -159,7 +159,10 @@ static void want(struct simplify_near *w, const struct simplify_circle *c)
 		w->disc[w->ndisc++] = (struct simplify_circle){c->x, c->y, c->r + 1};
 }
 
-/* A disc that has, of what is within the limit, all beyond the side of the hull from a to b (outside on its left). */
+/* A disc that has what is within the limit beyond the side of the hull from a to b (outside on its left). A disc is not a half
+ * plane: if width and height of the limit are together more than 2^21 times the length of the side, it may lack points near the
+ * line through a and b. That does no harm. The disc only says what to read; it is never within the limit, so a ghost is never
+ * known, and its corners are doubtful as long as they are corners of the hull. */
 static struct simplify_circle beyond(const struct simplify_near *w, const int32_t a[2], const int32_t b[2])
 {
 	double x = (double)b[0] - a[0], y = (double)b[1] - a[1], length = sqrt(x * x + y * y),
