@@ -40,14 +40,22 @@ static int read_manifest(struct gather_input *in, struct err *err)
 	return r;
 }
 
-int gather_input_begin(struct gather_input *in, const struct gather_params *p, struct err *err)
+int gather_input_packs(struct gather_input *in, const struct gather_params *p, struct err *err)
 {
-	int r;
-
 	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH], .sum_fd = -1};
 	in->pack = calloc((size_t)in->npacks + 1, sizeof(*in->pack));
+	return in->pack ? 0 : err_set(err, ERR_NOMEM, "no memory for the names of packs");
+}
+
+int gather_input_begin(struct gather_input *in, const struct gather_params *p, struct err *err)
+{
+	int r = gather_input_packs(in, p, err);
+
 	in->ledger = ledger_new(INT64_MAX); /* which only counts: all else comes after the manifest */
-	r = in->pack && in->ledger ? read_manifest(in, err) : err_set(err, ERR_NOMEM, "no memory for the names of packs");
+	if (!r && !in->ledger)
+		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
+	if (!r)
+		r = read_manifest(in, err);
 	return r ? r : mesh_plan_about(p->work, &in->plan, err);
 }
 

@@ -46,6 +46,8 @@ struct gather_input {
 	char sum_name[WORK_NAME];
 	int sum_fd;
 };
+/* Reads nothing: room for what is known of packs. */
+int gather_input_packs(struct gather_input *, const struct gather_params *, struct err *err);
 /* Reads the manifest and the plan alone. */
 int gather_input_begin(struct gather_input *, const struct gather_params *, struct err *err);
 /* The sums, too, with the border of a task's tiles; opens no pack. */
@@ -60,6 +62,8 @@ void gather_input_done(struct gather_input *);
 uint64_t gather_sum_bytes(uint32_t npacks, uint32_t tasks);
 int gather_sum_read(struct gather_input *, uint32_t task, struct err *err);
 void gather_pack_name(const struct gather_input *, uint32_t i, char ret[WORK_NAME]);
+/* The sums are of the pack that this record of task i of the phase mesh names. */
+bool gather_sum_is_of(const struct gather_input *, uint32_t i, const struct work_record *);
 /* The groups of pack i. */
 int gather_groups(const struct gather_input *, uint32_t i, struct mesh_group ret[MESH_GROUPS], struct err *err);
 

@@ -196,6 +196,16 @@ int gather_sum_read(struct gather_input *in, uint32_t task, struct err *err)
 	return r;
 }
 
+bool gather_sum_is_of(const struct gather_input *in, uint32_t i, const struct work_record *record)
+{
+	char name[WORK_NAME];
+
+	if (!record->nfile || !in->pack[i].attempt)
+		return !record->nfile && !in->pack[i].attempt;
+	gather_pack_name(in, i, name);
+	return !strcmp(name, record->file[0].name) && in->pack[i].size == record->file[0].size;
+}
+
 int gather_groups(const struct gather_input *in, uint32_t i, struct mesh_group ret[MESH_GROUPS], struct err *err)
 {
 	const struct gather_pack *of = &in->pack[i];

@@ -431,6 +431,56 @@ def recovered():
                 shutil.rmtree(folder)
 
 
+def packs_named_again():
+    """The sums never stay with the name of a pack that is made again under another one."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=2)
+        for kind in ("between", "interrupted", "late", "truncated"):
+            out = os.path.join(base, "out")
+            os.mkdir(out)
+            words = ["-o", os.path.join(out, "x.ply")]
+            path = work.fresh()
+            done = os.path.join(path, "done")
+            phases("gather", path, 0, *words).ok()
+            os.unlink(os.path.join(done, "gather-0"))
+            with open(os.path.join(done, "sum-0"), "rb") as f:
+                sums = f.read()
+            pack = next(os.path.join(path, "mesh", n) for n in os.listdir(os.path.join(path, "mesh")) if n.startswith("pack-1-"))
+            if kind == "truncated":
+                os.truncate(pack, os.path.getsize(pack) - 1)
+            else:
+                os.unlink(pack)
+            expect(phases("gather", path, 0, *words).status, "nothing was missed")
+            if kind == "between":
+                # As a resume leaves it that ends early, with sums from before.
+                os.unlink(os.path.join(done, "mesh-1"))
+                expect(forgotten(path, *words) == 1 and not os.path.exists(os.path.join(done, "sum-0")), "the sums stay without a pack")
+            elif kind == "interrupted":
+                got = run([PHASES, "recover", path, *words], env=dict(ENV, PHASES_REMOVES="1"))
+                expect(got.status and "mesh-1" in got.err, "%d %s" % (got.status, got.err))
+                expect(not os.path.exists(os.path.join(done, "sum-0")), "the sums stay")
+                expect(forgotten(path, *words) == 1 and not os.path.exists(os.path.join(done, "mesh-1")), "the pack is not made again")
+            else:
+                expect(forgotten(path, *words) == 2, "the sums and a pack are not made again: %s" % kind)
+            phases("mesh", path, 1).ok()
+            if kind == "late":
+                with open(os.path.join(done, "sum-0"), "wb") as f:
+                    f.write(sums)
+                got = phases("gather", path, 0, *words)
+                expect(got.status and "pack-1-" in got.err, "%d %s" % (got.status, got.err))
+                expect(forgotten(path, *words) == 1 and os.path.exists(os.path.join(done, "mesh-1")), "late sums stay")
+            phases("gather", path, 0, *words).ok()
+            phases("gather", path, 1, *words).ok()
+            expect(forgotten(path, *words) == 0, "sums that are good were removed")
+            phases("finish", path, *words).ok()
+            fresh = os.path.join(base, "want")
+            os.mkdir(fresh)
+            work.write("-o", os.path.join(fresh, "x.ply"))
+            expect(hashes(out) == hashes(fresh), "%s: another output" % kind)
+            for folder in (path, out, fresh):
+                shutil.rmtree(folder)
+
+
 def older():
     """A run that an older version began has no phase sum."""
     with e2e.Folder() as base:
@@ -574,6 +624,6 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format, by_all_tasks], "tiles": [tiles],
-          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, packs_named_again, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
                     adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))
