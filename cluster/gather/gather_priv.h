@@ -102,6 +102,9 @@ int gather_check_ply(const struct ctl_fetch_options *, uint64_t vertices, const 
 int gather_sweep(const struct gather_params *, bool finishing, struct err *err);
 void gather_part_name(const struct gather_params *, uint32_t index, uint64_t attempt, char buf[GATHER_PART]);
 
+/* gather_finish.c: the list of what a task of gather has made, for outputs_join, to be freed. -ERR_CORRUPT. */
+int gather_list_read(const struct gather_params *, const struct work_file *, uint8_t **ret, size_t *ret_size, struct err *err);
+
 /* ---- gather_emit.c ---- */
 
 /* Emits the domains of the choice to the sink, checked. NULL: all; then the mesh must be whole. */

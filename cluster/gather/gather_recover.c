@@ -9,6 +9,7 @@
  *
  * Outputs that have no name yet are not in the work folder. That one is gone is said by the failure of who needed it.
  */
+#include <stdlib.h>
 #include <string.h>
 
 #include "gather_priv.h"
@@ -19,6 +20,14 @@ struct recovery {
 	bool failed, gone; /* a task has; because an output is gone */
 	uint32_t n;
 };
+
+static bool says_gone(const struct work *w, enum work_phase phase, uint32_t task)
+{
+	struct work_failure failure;
+	struct err ignored = ERR_INIT;
+
+	return !work_failure_look(w, phase, task, &failure, &ignored) && !strcmp(failure.code, err_wire_name(ERR_GONE));
+}
 
 /* What tasks without a record have said last. */
 static int look(struct recovery *v, enum work_phase phase, struct err *err)
@@ -37,7 +46,7 @@ static int look(struct recovery *v, enum work_phase phase, struct err *err)
 		if (r != WORK_E_ABSENT || work_failure_look(w, phase, i, &failure, &ignored))
 			continue;
 		v->failed = true;
-		v->gone |= phase >= WORK_GATHER && !strcmp(failure.code, err_wire_name(ERR_GONE));
+		v->gone |= phase >= WORK_GATHER && says_gone(w, phase, i);
 	}
 	return 0;
 }
@@ -166,6 +175,45 @@ static int forget_outputs(struct recovery *v, struct err *err)
 	return r ? r : forget_parts(v, NULL, err);
 }
 
+/* With --no-clobber: finish may have given some outputs their names before it missed another one. No task could make these
+ * again, so they become parts again. */
+static int take_back(const struct gather_params *p, struct err *err)
+{
+	const struct ctl_fetch_options *a = p->outputs;
+	const char *folder = a->tile || a->levels ? ctl_fetch_output(a, 1).path : NULL;
+	int r = 0;
+
+	for (uint32_t i = 0; i < work_about(p->work)->tasks[WORK_GATHER] && !r; i++) {
+		struct work_record *record = NULL;
+		const char *part;
+		uint8_t *bytes = NULL;
+		size_t size = 0;
+
+		r = work_record_look(p->work, WORK_GATHER, i, &record, err);
+		part = r ? NULL : work_record_text(record, "part");
+		if (!r && part && record->nfile)
+			r = gather_list_read(p, &record->file[0], &bytes, &size, err);
+		if (bytes)
+			r = outputs_part_take_back(folder, part, bytes, size, err);
+		free(bytes);
+		work_record_free(record);
+		r = r == WORK_E_ABSENT ? 0 : r;
+	}
+	return r;
+}
+
+/* That outputs are gone has been dealt with, and is not to be read once more next time. */
+static int forget_failures(const struct work *w, struct err *err)
+{
+	int r = 0;
+
+	for (enum work_phase phase = WORK_GATHER; phase <= WORK_FINISH; phase++)
+		for (uint32_t i = 0; i < work_about(w)->tasks[phase] && !r; i++)
+			if (says_gone(w, phase, i))
+				r = work_failure_forget(w, phase, i, err);
+	return r;
+}
+
 int gather_recover(const struct gather_params *p, uint32_t *ret, struct err *err)
 {
 	static const enum work_phase phases[] = {WORK_PLAN, WORK_MESH, WORK_SUM, WORK_GATHER, WORK_FINISH};
@@ -181,8 +229,12 @@ int gather_recover(const struct gather_params *p, uint32_t *ret, struct err *err
 		r = forget_sums(&v, err);
 	for (size_t i = 0; phases[i] < WORK_FINISH && v.failed && !r; i++)
 		r = forget_lost(&v, phases[i], err);
+	if (!r && v.gone && p->outputs->no_clobber)
+		r = take_back(p, err);
 	if (!r && v.gone)
 		r = forget_outputs(&v, err);
+	if (!r && v.gone)
+		r = forget_failures(p->work, err);
 	*ret = v.n;
 	return r;
 }

@@ -154,6 +154,9 @@ struct work_failure {
 /* WORK_E_ABSENT: none is recorded. */
 int work_failure_look(const struct work *, enum work_phase, uint32_t task, struct work_failure *ret, struct err *err);
 
+/* Nobody needs to know of it any more. */
+int work_failure_forget(const struct work *, enum work_phase, uint32_t task, struct err *err);
+
 /* ---- the run ---- */
 
 /* No attempt begins from now on. */

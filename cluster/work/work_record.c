@@ -183,3 +183,11 @@ int work_failure_look(const struct work *w, enum work_phase phase, uint32_t task
 	free(in.text);
 	return 0;
 }
+
+int work_failure_forget(const struct work *w, enum work_phase phase, uint32_t task, struct err *err)
+{
+	char name[NAME];
+
+	snprintf(name, sizeof name, "failed/%s-%" PRIu32, work_phase_text(phase), task);
+	return io_remove(w->fd, name, err);
+}

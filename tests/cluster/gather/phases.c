@@ -11,8 +11,10 @@
  *
  * OPTIONS are those of acutctl mesh that outputs have. PHASES_MEMORY in the environment: bytes, in place of those of the run.
  * PHASES_BLOCK: bytes of a file that one task writes alone. PHASES_REMOVES: how many files are removed before removing fails.
+ * SIGTERM interrupts a task.
  */
 #include <errno.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,6 +30,19 @@
 #include "work.h"
 
 static long left;
+static volatile sig_atomic_t told;
+
+static void tell(int signal)
+{
+	(void)signal;
+	told = 1;
+}
+
+static int interrupted(void *ctx)
+{
+	(void)ctx;
+	return told;
+}
 
 static int remove_some(int fd, const char *name, int flags)
 {
@@ -165,7 +180,7 @@ static int late(const char *phase, int argc, char **argv)
 {
 	bool one = !strcmp(phase, "gather");
 	struct ctl_fetch_options options = {.tile = NULL};
-	struct gather_params p = {.outputs = &options};
+	struct gather_params p = {.outputs = &options, .interrupted = interrupted};
 	struct err err = ERR_INIT;
 	struct work *work = NULL;
 	uint32_t again = 0;
@@ -238,6 +253,7 @@ int main(int argc, char **argv)
 {
 	struct io_table *table = no_sync();
 
+	signal(SIGTERM, tell);
 	if (getenv("PHASES_REMOVES")) {
 		left = strtol(getenv("PHASES_REMOVES"), NULL, 10);
 		table->unlinkat = remove_some;
