@@ -48,7 +48,11 @@ struct gather_input {
 };
 /* Reads nothing: room for what is known of packs. */
 int gather_input_packs(struct gather_input *, const struct gather_params *, struct err *err);
-/* Reads the manifest and the plan alone. */
+/* Memory of a task: of the program, and for its own work at least. */
+enum { GATHER_PROCESS = 16 << 20, GATHER_LEAST = 4 << 20 };
+/* *ret: what is left of it for other things. -ERR_LIMIT: too little. */
+int gather_input_needs(const struct gather_input *, uint64_t *ret, struct err *err);
+/* Reads the manifest and the plan alone. -ERR_LIMIT: there is too little memory for the manifest and the packs. */
 int gather_input_begin(struct gather_input *, const struct gather_params *, struct err *err);
 /* The sums, too, with the border of a task's tiles; opens no pack. */
 int gather_input_read(struct gather_input *, const struct gather_params *, uint32_t task, struct err *err);
@@ -187,8 +191,7 @@ int gather_share_write(const struct gather_input *, struct gather_places *, cons
 /* ---- gather_tiles.c: which tiles are whose ---- */
 
 struct gather_tiles;
-/* `memory`: for codes; sorting them takes as much again. */
-int gather_tiles_new(const struct gather_input *, uint64_t memory, struct gather_tiles **ret, struct err *err);
+int gather_tiles_new(const struct gather_input *, struct gather_tiles **ret, struct err *err);
 int gather_tiles_add(struct gather_tiles *, const struct mesh_group *, struct err *err);
 /* After all groups: refuses more tiles, about, than finish has memory for. */
 int gather_tiles_check(const struct gather_tiles *, struct err *err);

@@ -353,7 +353,7 @@ static int sum(struct summing *s, struct err *err)
 	int r = gather_input_begin(&s->in, p, err);
 
 	if (!r && tasks > 1 && gather_divides_tiles(p->outputs))
-		r = gather_tiles_new(&s->in, p->memory / 8, &s->tiles, err);
+		r = gather_tiles_new(&s->in, &s->tiles, err);
 	if (!r)
 		r = work_attempt_file(s->attempt, "", "sum", "", s->in.sum_name, err);
 	if (!r)
