@@ -340,8 +340,8 @@ static int feed(struct landxml *x, enum XML_Status *ret)
 	x->fed += n;
 	x->ended = n < PIECE;
 	*ret = XML_ParseBuffer(x->parser, (int)n, x->ended);
-	/* -1 where it has only kept the piece, as it does with ever more of a long tag (from 2.5.0-1+deb12u2 and 2.6.0 on), and
-	 * after XML_GetBuffer. */
+	/* -1: the parser keeps an incomplete token; newer versions of expat (2.5.0-1+deb12u2, 2.6.0) do that for long tags. It is
+	 * also -1 after XML_GetBuffer. */
 	at = XML_GetCurrentByteIndex(x->parser);
 	x->at = at > (int64_t)x->at ? (uint64_t)at : x->at;
 	return 0;

@@ -83,7 +83,8 @@ struct session_progress {
 	char phase[16];
 	uint64_t start_ns, last_ns; /* of the phase; of the last line */
 	uint64_t base, total;       /* staging: points of files that are done, of all files */
-	bool on, printed_space, printed_file;
+	bool on, printed_space;
+	char stalled[320]; /* the last note about files that give nothing; "": they do again */
 };
 void session_progress_init(struct session_progress *, struct session *);
 void session_progress_show(void *ctx, const struct acut_progress *); /* an acut_progress_fn */

@@ -69,22 +69,28 @@ static void note_space(struct session_progress *p, const struct acut_progress *n
 	p->printed_space = lacks;
 }
 
-/* Noted once: it may last until somebody mends the file system. */
+/* Each file is noted once: it may last until somebody mends the file system. */
 static void note_file(struct session_progress *p, const struct acut_progress *now)
 {
 	static const char file[] = "stalled-file: ", files[] = "stalled-files: ";
 	bool others = now->waiting && !strncmp(now->waiting, files, sizeof(files) - 1);
 	bool stalled = now->waiting && !strncmp(now->waiting, file, sizeof(file) - 1);
 
-	if (stalled && !p->printed_file)
+	if (!stalled && !others) {
+		p->stalled[0] = 0;
+		return;
+	}
+	if (!strncmp(p->stalled, now->waiting, sizeof(p->stalled) - 1))
+		return;
+	snprintf(p->stalled, sizeof(p->stalled), "%s", now->waiting);
+	if (stalled)
 		console_note(
 			&p->session->console,
 			"%s gives nothing: does the file system that it is on answer? It is waited for; Ctrl-C ends the push",
 			now->waiting + sizeof(file) - 1);
-	if (others && !p->printed_file)
+	else
 		console_note(&p->session->console, "this push waits: %.20s files of yours give nothing, and no more may at once",
 			     now->waiting + sizeof(files) - 1);
-	p->printed_file = stalled || others;
 }
 
 static void draw(struct session_progress *p, const struct acut_progress *now)

@@ -216,7 +216,7 @@ static int forget_failures(const struct work *w, struct err *err)
 
 int gather_recover(const struct gather_params *p, uint32_t *ret, struct err *err)
 {
-	static const enum work_phase phases[] = {WORK_PLAN, WORK_MESH, WORK_SUM, WORK_GATHER, WORK_FINISH};
+	static const enum work_phase phases[] = {WORK_COMMIT, WORK_PLAN, WORK_MESH, WORK_SUM, WORK_GATHER, WORK_FINISH};
 	struct recovery v = {.p = p};
 	int r = 0;
 

@@ -4,8 +4,10 @@
  *
  * The model: the folder of the dataset gets a second name for each segment that a record names, and then the manifest; so it
  * never holds a file of an attempt that lost. Names, times and order all come from records, so two attempts write the same bytes,
- * and the first manifest that has its name stays.
+ * and the first manifest that has its name stays. A file of sources is named after its content: an attempt that was killed before
+ * it had a manifest may have named one of other stages, and no manifest may name a file of other bytes.
  */
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -257,28 +259,78 @@ static int name_file(struct commit *c, const char *temp, const char *file, struc
 	return r;
 }
 
+struct tidying {
+	struct commit *c;
+	const struct grid_manifest *m;
+};
+
+static int tidy_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct tidying *t = ctx;
+
+	/* One with a dot is an attempt's. */
+	if (strncmp(e->d_name, "sources-", 8) || strchr(e->d_name, '.') || grid_manifest_has_file(t->m, e->d_name))
+		return 0;
+	return io_remove(t->c->dataset, e->d_name, err);
+}
+
+/* Removes files of sources that the manifest, which is there to stay, does not name: who imports the dataset would send them. */
+static int tidy(struct commit *c, struct err *err)
+{
+	struct grid_manifest *m = NULL;
+	struct tidying t = {.c = c};
+	int r = grid_manifest_load_bare(c->dataset, "manifest", NULL, &m, err);
+
+	t.m = m;
+	if (!r)
+		r = io_list(c->dataset, ".", tidy_entry, &t, err);
+	grid_manifest_free(m);
+	return r;
+}
+
+/* The manifest, then the file of sources, if there is one. */
+static int note_files(struct commit *c, const struct grid_manifest *m, const struct grid_apart *apart, struct err *err)
+{
+	uint64_t bytes = grid_manifest_bytes(m);
+	char path[WORK_NAME];
+	int r = work_result_file(c->s->attempt, WORK_IN_DATASET "/manifest", err);
+
+	if (!r && apart->made) {
+		snprintf(path, sizeof path, WORK_IN_DATASET "/%s", apart->file.name);
+		r = work_result_file(c->s->attempt, path, err);
+		bytes += apart->file.bytes;
+	}
+	return r ? r : work_result_u64(c->s->attempt, "bytes", bytes, err);
+}
+
 static int publish(struct commit *c, const struct grid_manifest *m, struct err *err)
 {
 	char temp[WORK_NAME], sources[WORK_NAME];
-	struct grid_apart apart = {.name = "sources", .as = sources + strlen(WORK_IN_DATASET "/")};
+	struct grid_apart apart = {.as = sources + strlen(WORK_IN_DATASET "/")};
+	struct err ignored = ERR_INIT;
 	int r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "manifest", "", temp, err);
 
+	/* An attempt that is killed leaves it. Without a dot it would be taken for a file of the dataset (acutctl dataset
+	 * import). */
 	if (!r)
-		r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "sources", "", sources, err);
+		r = work_attempt_file(c->s->attempt, WORK_IN_DATASET, "sources", ".new", sources, err);
 	if (!r)
 		r = grid_manifest_write_apart(c->dataset, temp + strlen(WORK_IN_DATASET "/"), &apart, m, err);
 	/* First what the manifest names. */
 	if (!r && apart.made)
-		r = name_file(c, sources, apart.name, err);
+		r = name_file(c, sources, apart.file.name, err);
 	if (!r)
 		r = name_file(c, temp, "manifest", err);
-	return r ? r : work_result_file(c->s->attempt, WORK_IN_DATASET "/manifest", err);
+	if (r == -ERR_CONFLICT)
+		tidy(c, &ignored);
+	if (!r)
+		r = tidy(c, err);
+	return r ? r : note_files(c, m, &apart, err);
 }
 
 static int make_dataset(struct commit *c, struct err *err)
 {
 	struct grid_manifest m = *c->s->head;
-	uint64_t bytes;
 	int r = io_open(work_fd(c->s->work), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY, 0, &c->dataset, err);
 
 	m.segments = c->segment;
@@ -291,10 +343,7 @@ static int make_dataset(struct commit *c, struct err *err)
 	for (size_t i = 0; !r && i < c->nsegments; i++)
 		r = link_segment(c, &c->segment[i], err);
 	grid_generations_tally(&m, m.generations, m.ngenerations);
-	bytes = grid_manifest_bytes(&m);
-	if (!r)
-		r = publish(c, &m, err);
-	return r ? r : work_result_u64(c->s->attempt, "bytes", bytes, err);
+	return r ? r : publish(c, &m, err);
 }
 
 static int write_results(struct commit *c, struct err *err)

@@ -66,7 +66,7 @@ struct catalogue_reader {
 	int (*push)(void *ctx, const struct catalogue_push *, struct err *err);
 };
 /* Calls the reader for every row, by id; before catalogue_start. ret_last: the largest ids of a dataset, job and push that were
- * ever used. */
+ * ever used; all 0 if not every row was read, which is an error. */
 int catalogue_load(struct catalogue *, const struct catalogue_reader *, uint64_t ret_last[3], struct err *err);
 int catalogue_start(struct catalogue *, struct err *err);
 

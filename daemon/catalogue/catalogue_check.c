@@ -19,8 +19,8 @@
 struct catalogue_check {
 	struct catalogue side; /* its db and path */
 	pthread_t thread;
-	atomic_uint steps; /* of progress */
-	atomic_bool failed;
+	atomic_uint steps;  /* of progress */
+	atomic_bool failed; /* for good: see needs_another */
 	int r;
 	struct err err;
 };
@@ -44,6 +44,12 @@ int catalogue_check_pages(struct catalogue *c, struct err *err)
 	}
 	sqlite3_finalize(s);
 	return r;
+}
+
+/* The check ended without a result. The two connections share one heap, so it may succeed when the rows are read. */
+static bool needs_another(int r)
+{
+	return r == -ERR_NOMEM || r == -ERR_BUSY;
 }
 
 static int on_instructions(void *ctx)
@@ -72,7 +78,7 @@ static void *check_main(void *arg)
 	thread_mark_helper();
 	k->r = check(k);
 	sqlite3_close(k->side.db);
-	atomic_store(&k->failed, k->r != 0);
+	atomic_store(&k->failed, k->r && !needs_another(k->r));
 	return NULL;
 }
 
@@ -131,8 +137,7 @@ int catalogue_check_end(struct catalogue *c, struct err *err)
 		r = k->r;
 		if (r)
 			*err = k->err;
-		/* The two connections share one heap. */
-		c->check_due = r == -ERR_NOMEM || r == -ERR_BUSY;
+		c->check_due = needs_another(r);
 		free(k);
 		c->check = NULL;
 	}

@@ -140,16 +140,19 @@ static int read_all(struct catalogue *c, const char *table, const char *sql,
 		if (++rows % ROWS_STEP)
 			continue;
 		progress_step();
-		if (catalogue_check_failed(c))
-			break;
+		if (!r && catalogue_check_failed(c))
+			r = err_set(err, ERR_CORRUPT, "the catalogue is damaged");
 	}
 	sqlite3_finalize(s);
 	return r;
 }
 
+/* Folders of datasets whose number was given out, and which have no row, are deleted. So the numbers are known only to a caller
+ * that has seen all rows. */
 int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint64_t ret_last[3], struct err *err)
 {
-	struct catalogue_reader last = {.ctx = ret_last};
+	uint64_t used[3] = {0};
+	const struct catalogue_reader last = {.ctx = used};
 	struct err why = ERR_INIT;
 	int r, s;
 
@@ -164,9 +167,12 @@ int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint6
 		r = read_all(c, "push", catalogue_sql_pushes, read_push, to, err);
 	/* A row cannot be read, or seems to be damaged, because its page is. */
 	s = catalogue_check_end(c, &why);
-	if (!s)
-		return r;
-	*err = why;
-	err_add_file(err, c->path);
-	return s;
+	if (s) {
+		*err = why;
+		err_add_file(err, c->path);
+		return s;
+	}
+	if (!r)
+		memcpy(ret_last, used, sizeof used);
+	return r;
 }

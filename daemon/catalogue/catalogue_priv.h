@@ -75,7 +75,7 @@ int catalogue_run(struct catalogue *, const char *sql, struct err *err);
 /* Finds pages with inconsistent cells: rows on them would not be found, and be taken for absent. -ERR_CORRUPT. */
 int catalogue_check_pages(struct catalogue *, struct err *err);
 void catalogue_check_begin(struct catalogue *);        /* on a thread, if there can be one */
-bool catalogue_check_failed(const struct catalogue *); /* it has found something, or could not read */
+bool catalogue_check_failed(const struct catalogue *); /* catalogue_check_end will return an error */
 /* Waits for it. After catalogue_check_begin; otherwise 0. */
 int catalogue_check_end(struct catalogue *, struct err *err);
 

@@ -183,7 +183,6 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 		r->what = what;
 		return 0;
 	}
-	s = read_sources(r, dirfd, m, err);
 	for (size_t i = 0; !s && i < m->nsegments; i++) {
 		atomic_fetch_add(&r->v->files, 1);
 		s = grid_verify_segment(&p, m, i, err);
@@ -191,6 +190,10 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 	/* The pieces of a selection are in the dataset, unless a metric has mapped them. */
 	for (size_t i = 0; !s && (!r->derived || r->mapped) && i < m->nsources; i++)
 		s = read_lines(r, dirfd, &m->sources[i], err);
+	/* The last, as this alone may take much memory: what is above needs only the bare manifest, which has all sources of
+	 * lines. */
+	if (!s)
+		s = read_sources(r, dirfd, m, err);
 	grid_manifest_free(m);
 	return s;
 }

@@ -429,16 +429,19 @@ static bool reads_file(const struct push_request *rq)
 	return rq->kind == PUSH_PROBE || rq->kind == PUSH_FILE;
 }
 
-/* No worker reads its file, because as many files of the user hang as may hang at once. */
-static bool waits_for_others(const struct push *p, const struct push_request *rq)
+/* No worker reads its file, because as many other files of the user hang as may hang at once: how many. Otherwise 0. */
+static unsigned waits_for_others(const struct push *p, const struct push_request *rq)
 {
-	return reads_file(rq) && !atomic_load(&p->run_ns) && sched_hangs(p->pushes->core->p.sched, &p->owner);
+	unsigned n = reads_file(rq) && !atomic_load(&p->run_ns) ? sched_hanging(p->pushes->core->p.sched, &p->owner) : 0;
+
+	return n >= SCHED_HELD_EACH ? n : 0;
 }
 
 static void report_progress(struct push *p, const struct push_request *rq)
 {
 	uint64_t hash_end = atomic_load(&p->hash_end), done = atomic_load(&p->progress), all = atomic_load(&p->claimed);
-	bool hangs = p->seen_ns && clock_since(p->seen_ns) >= SCHED_HOLD_SECONDS, others = waits_for_others(p, rq);
+	bool hangs = p->seen_ns && clock_since(p->seen_ns) >= SCHED_HOLD_SECONDS;
+	unsigned others = waits_for_others(p, rq);
 	char waiting[300] = "";
 
 	if (rq->kind != PUSH_FILE && rq->kind != PUSH_COMMIT && !hash_end && !hangs && !others)
@@ -447,7 +450,7 @@ static void report_progress(struct push *p, const struct push_request *rq)
 	if (hangs)
 		snprintf(waiting, sizeof waiting, "stalled-file: %s", utf8_end(rq->name, 280));
 	else if (others)
-		snprintf(waiting, sizeof waiting, "stalled-files: %d", SCHED_HELD_EACH);
+		snprintf(waiting, sizeof waiting, "stalled-files: %u", others);
 	if (hash_end)
 		p->calls.progress(rq->token, "hash", atomic_load(&p->hashed), hash_end, waiting);
 	else if (rq->kind == PUSH_FILE)

@@ -283,7 +283,7 @@ void run_opened(struct run *w)
 		ask_for_lines(w);
 		return;
 	}
-	if (!w->reading && grid_reopens(w->grid)) {
+	if (!w->reading && (grid_reopens(w->grid) || (w->origin && grid_reopens(w->origin)))) {
 		dataset_read_begin(w->dataset);
 		w->reading = true;
 	}

@@ -6,6 +6,14 @@
  */
 #include "run_priv.h"
 
+static void grid_held(const struct grid *g, uint64_t held[LEDGER_NAMES])
+{
+	if (!g)
+		return;
+	held[LEDGER_INDEX] += grid_charged(g);
+	held[LEDGER_MANIFEST] += grid_manifest(g)->charged;
+}
+
 void run_held(const struct run *w, uint64_t held[LEDGER_NAMES])
 {
 	struct sched *s = w->runs->core->p.sched;
@@ -28,9 +36,10 @@ void run_held(const struct run *w, uint64_t held[LEDGER_NAMES])
 	if (!w->splitting && w->state >= RUN_RUNNING)
 		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf + cut_sites_bytes(w->plan.sites);
 	held[LEDGER_JOBS] += w->charged;
-	/* Otherwise a worker opens or closes the grid. */
+	/* Otherwise a worker opens or closes the grids. */
 	if (w->grid && w->state != RUN_OPENING && w->state != RUN_SELECTING) {
-		held[LEDGER_INDEX] += grid_charged(w->grid);
-		held[LEDGER_MANIFEST] += grid_manifest(w->grid)->charged + w->wkt_bytes;
+		grid_held(w->grid, held);
+		grid_held(w->origin, held);
+		held[LEDGER_MANIFEST] += w->wkt_bytes;
 	}
 }

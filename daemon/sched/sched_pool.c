@@ -521,14 +521,14 @@ void sched_watch(struct sched *s, double seconds)
 		lock_give(&s->lock);
 }
 
-bool sched_hangs(struct sched *s, const struct sched_owner *owner)
+unsigned sched_hanging(struct sched *s, const struct sched_owner *owner)
 {
-	bool hangs;
+	unsigned n;
 
 	lock_take(&s->lock);
-	hangs = sched_queue_hangs(s->queue, owner);
+	n = sched_queue_hanging(s->queue, owner);
 	lock_give(&s->lock);
-	return hangs;
+	return n;
 }
 
 unsigned sched_extra_threads(struct sched *s)

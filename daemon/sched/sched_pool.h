@@ -96,8 +96,8 @@ void sched_release(struct sched *, uint64_t flow);
 /* The same for all tasks that are watched, by their beats. */
 #define SCHED_HOLD_SECONDS 5.0
 void sched_watch(struct sched *, double seconds);
-/* A task that reads a file would wait for such a flow: its own, or SCHED_HELD_EACH others of its user. */
-bool sched_hangs(struct sched *, const struct sched_owner *);
+/* How many other flows of its user have lost a place. From SCHED_HELD_EACH on, a task that reads a file waits for them. */
+unsigned sched_hanging(struct sched *, const struct sched_owner *);
 /* Threads more than there are places. */
 unsigned sched_extra_threads(struct sched *);
 

@@ -301,15 +301,18 @@ static const struct sched_task *held_of(const struct sched_queue *q, uint64_t fl
 	return t;
 }
 
-bool sched_queue_hangs(const struct sched_queue *q, const struct sched_owner *o)
+unsigned sched_queue_hanging(const struct sched_queue *q, const struct sched_owner *o)
 {
 	unsigned n = 0;
 
-	if (held_of(q, o->flow))
-		return true;
 	for (const struct sched_task *t = q->running; t; t = t->next)
-		n += t->held && t->owner.uid == o->uid && held_of(q, t->owner.flow) == t;
-	return n >= SCHED_HELD_EACH;
+		n += t->held && t->owner.uid == o->uid && t->owner.flow != o->flow && held_of(q, t->owner.flow) == t;
+	return n;
+}
+
+bool sched_queue_hangs(const struct sched_queue *q, const struct sched_owner *o)
+{
+	return held_of(q, o->flow) || sched_queue_hanging(q, o) >= SCHED_HELD_EACH;
 }
 
 /* One more would take a thread from others, too. */

@@ -31,6 +31,7 @@ struct sched_task *sched_queue_first(const struct sched_queue *);        /* any 
 struct sched_task *sched_queue_running(const struct sched_queue *);      /* the first that runs; task->next */
 /* Tasks of this flow are held, or of SCHED_HELD_EACH flows of this user. */
 bool sched_queue_hangs(const struct sched_queue *, const struct sched_owner *);
+unsigned sched_queue_hanging(const struct sched_queue *, const struct sched_owner *); /* its user's other flows that are held */
 /* Bytes of the task that has the claim on memory; 0: none waits for memory. */
 uint64_t sched_queue_starved(const struct sched_queue *);
 int64_t sched_queue_service(const struct sched_queue *, uint32_t uid);

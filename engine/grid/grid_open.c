@@ -234,6 +234,12 @@ static uint64_t ranges_most(const struct grid *g, const struct grid_use *use)
 	return use->slots ? g->manifest->nall : g->manifest->nbatches;
 }
 
+/* Sorting the batches of sources doubles them for a while. */
+static uint64_t sort_bytes(const struct grid_manifest *m)
+{
+	return 2 * m->nbatches * sizeof *m->batches;
+}
+
 /* Charges the tables (also the one of the sources of a segment that is opened late) and as many frames as index_memory has room
  * for, but no more than the index has pages. */
 static int charge(struct grid *g, size_t index_memory, const struct grid_use *use, size_t *ret_frames, struct err *err)
@@ -244,11 +250,10 @@ static int charge(struct grid *g, size_t index_memory, const struct grid_use *us
 	for (size_t i = 0; i < m->nsegments; i++)
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
-	/* Sorting the batches of sources may double them for a while. */
 	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live + sizeof *g->roots) +
 			 (use->late ? m->nall * sizeof(struct disk_total) : 0) + grid_files_bytes(m->nsegments) +
-			 grid_order_bytes(m->nsegments) + 2 * m->nbatches * sizeof *m->batches +
-			 ranges_most(g, use) * sizeof *g->sources + grid_cache_bytes(frames) + SLOTS_MOST * sizeof *g->slot_sum;
+			 grid_order_bytes(m->nsegments) + sort_bytes(m) + ranges_most(g, use) * sizeof *g->sources +
+			 grid_cache_bytes(frames) + SLOTS_MOST * sizeof *g->slot_sum;
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
 		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset", (unsigned long long)bytes);
@@ -334,6 +339,9 @@ static int fill_sources(struct grid *g, uint64_t generation, const struct grid_u
 	for (size_t i = 0; i < n; i++)
 		fill_ranges(g, &batches[i], generation, use);
 	free(batches);
+	if (g->ledger)
+		ledger_give(g->ledger, LEDGER_INDEX, sort_bytes(m));
+	g->charged -= sort_bytes(m);
 	return 0;
 }
 

@@ -1,5 +1,6 @@
 """Files of a backup, as they come, and of an export that is imported."""
 import os
+import re
 from dataclasses import dataclass
 from typing import Any, List
 
@@ -53,12 +54,15 @@ class FileGiver:
         self.fd = -1
 
 
+# As acutctl chooses them: segments, files of sources, and files of lines, which are named by the numbers of their sources.
+_OF_DATASET = re.compile(r"[^.].*\.seg|sources(-[^.]*)?|(lines|lineset|places)-[0-9]+", re.DOTALL)
+
+
 class Giver:
     """Gives the files of an exported dataset one after the other, "manifest" first."""
 
     def __init__(self, state: State, folder: str) -> None:
-        others = sorted(n for n in os.listdir(folder) if (n.endswith(".seg") and not n.startswith(".")) or
-                        n == "sources" or (n.startswith("sources-") and "." not in n))
+        others = sorted(n for n in os.listdir(folder) if _OF_DATASET.fullmatch(n))
         if not os.path.exists(os.path.join(folder, "manifest")):
             raise InputError("there is no file manifest in this folder", file=folder,
                              hint="give a folder that acutctl dataset export has written to its end")

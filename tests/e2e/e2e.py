@@ -83,8 +83,10 @@ def run(args, env=None, timeout=600, stdin=None):
 class Folder:
     """A temporary folder: with Folder() as path."""
 
+    PREFIX = "acut-e2e-"
+
     def __enter__(self):
-        self.path = tempfile.mkdtemp(prefix="acut-e2e-", dir=os.environ.get("ACUT_TEST_TMP"))
+        self.path = tempfile.mkdtemp(prefix=self.PREFIX, dir=os.environ.get("ACUT_TEST_TMP"))
         return self.path
 
     def __exit__(self, *exc):

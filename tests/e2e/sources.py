@@ -103,6 +103,19 @@ def damage():
         refused("after a start")
         os.remove(path)
         refused("gone")
+        # Segments are read first: for them the manifest is enough.
+        segment = glob.glob(d.state + "/datasets/1/*.seg")[0]
+        with open(segment, "r+b") as f:
+            f.seek(4500)
+            byte = f.read(1)
+            f.seek(4500)
+            f.write(bytes([byte[0] ^ 1]))
+        r = d.ctl("cache", "verify", "--json")
+        found = [json.loads(line).get("damaged") for line in r.out.splitlines()]
+        expect(r.status == 1 and found == ["segment", "sources", 2], r.out)
+        with open(segment, "r+b") as f:
+            f.seek(4500)
+            f.write(byte)
         with open(path, "wb") as f:
             f.write(whole)
         d.ctl("push", "d", base + "/b").ok()
@@ -126,6 +139,8 @@ def copies():
         shutil.copytree(base + "/kept", base + "/state-restored")
         with Daemon(base, name="-restored") as other:
             expect(digest(other, "d") == now and digest(other, "d", "--generation", "2") == want and len(listed(other, "d")) == 1150, "restored")
+            # As a task of acut-cluster that was killed leaves it.
+            shutil.copy(glob.glob(base + "/out/sources-*")[0], base + "/out/sources-0-0123456789abcdef.new")
             other.ctl("dataset", "import", base + "/out", "e").ok()
             expect(len(files(other, 2)) == 1 and not glob.glob(other.state + "/datasets/2/import-*sources*"), os.listdir(other.state + "/datasets/2"))
             expect(digest(other, "e") == now and digest(other, "e", "--generation", "1") == first and len(listed(other, "e")) == 1150, "imported")

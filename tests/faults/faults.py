@@ -26,21 +26,6 @@ def need_tools(*names):
             unavailable("%s is not installed" % name)
 
 
-def need_mounts(base):
-    """Skips the test without root, mounts or loop devices."""
-    if os.geteuid() != 0:
-        unavailable("mounts need root")
-    there = os.path.join(base, "try")
-    os.mkdir(there)
-    image = os.path.join(base, "try.img")
-    with open(image, "wb") as f:
-        f.truncate(1 << 20)
-    if e2e.run(["mkfs.ext4", "-q", image]).status or e2e.run(["mount", "-o", "loop", image, there]).status:
-        unavailable("no mounts of loop devices here")
-    e2e.run(["umount", there]).ok()
-    os.unlink(image)
-
-
 def setting(name, otherwise):
     return int(os.environ.get(name) or otherwise)
 

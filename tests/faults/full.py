@@ -4,6 +4,7 @@ import os
 import time
 
 import faults
+import mounts
 from faults import Acks, Inputs, Store, e2e, expect
 from power import Disk
 
@@ -22,10 +23,7 @@ class Mount:
         return self
 
     def __exit__(self, *exc):
-        for _ in range(600):
-            if e2e.run(["umount", self.path]).status == 0:
-                return
-            time.sleep(0.1)
+        mounts.unmount(self.path)
 
 
 def fill(store, inputs, words):
@@ -86,7 +84,7 @@ def bad_blocks(base, inputs):
         store.ctl("push", "bad", *sum(inputs.pushed, [])).ok()
         store.stop()
         loop = [u for u in disk.undo if isinstance(u, list) and u[0] == "losetup"][0][2]
-        e2e.run(["umount", disk.mount]).ok()
+        mounts.unmount(disk.mount)  # its cache goes
         e2e.run(["mount", loop, disk.mount]).ok()
         store.start()
         store.ctl("dataset", "log", "bad").ok()  # this loads the manifest into memory
@@ -105,7 +103,7 @@ def bad_blocks(base, inputs):
 def main():
     faults.need_tools("mkfs.ext4", "mount")
     with e2e.Folder() as base:
-        faults.need_mounts(base)
+        mounts.need(base)
         inputs = Inputs(base)
         image = os.path.join(base, "image")
         with open(image, "wb") as f:

@@ -19,12 +19,14 @@ import random
 import shutil
 import signal
 import sqlite3
+import statistics
 import subprocess
 import tarfile
 import threading
 import time
 
 import faults
+import mounts
 import power
 from faults import Fault, Killed, Store, e2e, expect
 from nights_model import Drop
@@ -73,18 +75,12 @@ def older_program():
 
 def may_mount(base):
     """Why file systems cannot be mounted here; None if they can."""
-    os.makedirs(base)
-    reason = os.geteuid() and "mounts need root"
     for tool in ("nbdkit", "nbdfuse", "fusermount3", "mkfs.ext4", "losetup"):
-        reason = reason or (not shutil.which(tool) and "%s is not installed" % tool)
-    reason = reason or (not os.path.exists(os.path.join(power.BUILD, "write_log.so")) and "the plugin of nbdkit was not built")
-    if not reason:
-        power.make_disk(base + "/image", 4 << 20)
-        if e2e.run(["mount", "-o", "loop", base + "/image", base]).status:
-            reason = "no mounts of loop devices here"
-        else:
-            e2e.run(["umount", base]).ok()
-    return reason or None
+        if not shutil.which(tool):
+            return "%s is not installed" % tool
+    if not os.path.exists(os.path.join(power.BUILD, "write_log.so")):
+        return "the plugin of nbdkit was not built"
+    return mounts.unavailable_here(base)
 
 
 class Place:
@@ -102,16 +98,16 @@ class Place:
 
     def down(self):
         if self.mounted and os.path.ismount(self.mount):
-            e2e.until(lambda: e2e.run(["umount", self.mount]).status == 0, "the disk is in use", .1)
+            mounts.unmount(self.mount, self.image)
 
 
 class World:
     def __init__(self, base, nights, month, rng):
         self.base, self.nights, self.month, self.rng = base, nights, month, rng
         self.statuses, self.kinds, self.struck = collections.Counter(), collections.Counter(), collections.Counter()
-        self.deck, self.figures = [], []
+        self.deck, self.figures, self.took = [], [], collections.deque(maxlen=9)
         self.jobs, self.aged, self.peak, self.cuts, self.drills, self.upgrades = {}, 0, 0, 0, 0, 0
-        reason = may_mount(os.path.join(base, "try"))
+        reason = may_mount(base)
         if reason:
             print("skipped: nights of power cuts and full disks: %s" % reason)
             expect(not os.environ.get("ACUT_TEST_PRIVILEGED"), "they must be possible here: %s" % reason)
@@ -160,7 +156,16 @@ class World:
 
     def passes(self, also=()):
         """One over each folder. `also`: statuses that the fault of this night allows. Returns the statuses."""
-        return {self.ctl(*self.command(drop), status={drop.status(), *also}).status for drop in self.today}
+        ended = set()
+        for drop in self.today:
+            begun = time.monotonic()
+            ended.add(self.ctl(*self.command(drop), status={drop.status(), *also}).status)
+            self.took.append(time.monotonic() - begun)
+        return ended
+
+    def moment(self):
+        """Seconds until a fault comes. Most come while a pass runs, on fast machines and on busy ones."""
+        return self.rng.uniform(0, 1.5 * statistics.median(self.took or [.04]))
 
     def start_pass(self, drop, prefix=()):
         want = drop.status()
@@ -193,7 +198,7 @@ class World:
         return True
 
     def killed(self):
-        timer = threading.Timer(self.rng.uniform(0, .06), self.store.kill_inner)
+        timer = threading.Timer(self.moment() * len(self.today), self.store.kill_inner)
         timer.start()
         self.passes((69, 74))
         struck = not self.store.alive()
@@ -215,7 +220,7 @@ class World:
         ended = set()
         for drop in self.today:
             p, want = self.start_pass(drop)
-            time.sleep(self.rng.uniform(0, .04))
+            time.sleep(self.moment())
             p.kill()
             ended.add(self.judge("ingest", p.wait(), (want, -signal.SIGKILL)))
         return -signal.SIGKILL in ended
@@ -243,7 +248,7 @@ class World:
             for drop in self.today:
                 p, want = self.start_pass(drop)
                 if drop is self.today[-1]:
-                    time.sleep(self.rng.uniform(0, .12))
+                    time.sleep(self.moment())
                     p.send_signal(signal.SIGSTOP)
                     os.kill(self.store.pid(), signal.SIGSTOP)
                     cut = disk.logged()
@@ -295,7 +300,7 @@ class World:
     def upgrade(self):
         """Another program in the place of this one, in the middle of a pass; its client may be the first that is used."""
         p, want = self.start_pass(self.today[0])
-        time.sleep(self.rng.uniform(0, .06))
+        time.sleep(self.moment())
         self.install((self.program + 1) % len(self.programs))
         struck = p.poll() is None
         self.stop()

@@ -18,6 +18,7 @@ import threading
 import time
 
 import faults
+import mounts
 from faults import Acks, Fault, Inputs, Killed, Store, e2e, expect
 
 BUILD = os.environ.get("ACUT_FAULT_BUILD", ".")
@@ -48,8 +49,8 @@ class Disk:
     def __enter__(self):
         try:
             self.attach()
-        except BaseException:
-            self.__exit__()
+        except BaseException as e:
+            self.__exit__(e)
             raise
         return self
 
@@ -75,12 +76,11 @@ class Disk:
             time.sleep(0.02)
 
     def __exit__(self, *exc):
+        stuck = []
         for step in reversed(self.undo):
             if isinstance(step, list):
-                for _ in range(600):
-                    if e2e.run(step).status == 0:
-                        break
-                    time.sleep(0.1)
+                if not mounts.succeeds(step):
+                    stuck.append(" ".join(step))
             else:
                 step.terminate()
                 try:
@@ -88,6 +88,7 @@ class Disk:
                 except subprocess.TimeoutExpired:
                     step.kill()
                     step.wait()
+        expect(not stuck or any(exc), "these never succeeded: %s" % ", ".join(stuck))
 
     def logged(self):
         return os.stat(self.log).st_size
@@ -224,10 +225,7 @@ def one_cut(base, image, acks, inputs, name, cut, quiet):
             expect(not left, "left behind: %s" % left)
             return store.starts, then.checked
     finally:
-        for _ in range(600):
-            if e2e.run(["umount", mount]).status == 0:
-                break
-            time.sleep(0.1)
+        mounts.unmount(mount, path)
         shutil.rmtree(base, ignore_errors=True)
 
 
@@ -286,7 +284,7 @@ def main():
     begun = time.monotonic()
     os.environ.setdefault("ACUT_TEST_TMP", "/dev/shm" if os.access("/dev/shm", os.W_OK) else "/tmp")
     with e2e.Folder() as base:
-        faults.need_mounts(base)
+        mounts.need(base)
         inputs = Inputs(base)
         bad = 0
         for name, env, share in (("all as it is", None, n), ("without fsync", {"ACUT_NO_SYNC": "all"}, max(n // 10, 10)),

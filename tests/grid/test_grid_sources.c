@@ -586,12 +586,116 @@ static void test_memory(void **state)
 	folder_remove(&f);
 }
 
+/* With the bare manifest it takes more than half of the memory, without it less: no waiting helps. */
+static void test_never_fits(void **state)
+{
+	struct folder f = folder_new();
+	struct ledger *ledger = ledger_new(1 << 24);
+	struct grid_manifest *m;
+	struct err err = ERR_INIT;
+	struct grid_apart a;
+	uint64_t bare, more, all, held;
+
+	model_start(3000);
+	for (size_t i = 1; i < model.n; i += 2)
+		model.source[i].removed = 1; /* as many batches as sources */
+	CHECK(write_next(&f, NULL, "sources-1", &a, &err));
+	CHECK(grid_manifest_load_bare(f.fd, "m", ledger, &m, &err));
+	bare = m->charged;
+	held = ledger_peak(ledger, LEDGER_MANIFEST);
+	CHECK(grid_manifest_complete(f.fd, m, &err));
+	more = ledger_peak(ledger, LEDGER_MANIFEST) - bare;
+	assert_true(bare > 100000 && more > bare);
+	grid_manifest_free(m);
+	ledger_free(ledger);
+	all = 2 * more + bare;
+	ledger = ledger_new(all);
+	assert_true(ledger_take(ledger, LEDGER_STAGE, all - held));
+	CHECK(grid_manifest_load_bare(f.fd, "m", ledger, &m, &err));
+	assert_int_equal(grid_manifest_complete(f.fd, m, &err), -ERR_LIMIT);
+	assert_true(m->bare && m->nsources == 0 && m->charged == bare);
+	grid_manifest_free(m);
+	ledger_give(ledger, LEDGER_STAGE, all - held);
+	CHECK(grid_manifest_load(f.fd, "m", ledger, &m, (err_clear(&err), &err)));
+	grid_manifest_free(m);
+	ledger_free(ledger);
+	folder_remove(&f);
+}
+
+/* Sorting the batches takes memory only until the grid is open. */
+static void test_open_memory(void **state)
+{
+	struct folder f = folder_new();
+	struct ledger *ledger = ledger_new(1 << 24);
+	uint64_t charged[2], peak[2];
+
+	for (int i = 0; i < 2; i++) {
+		struct err err = ERR_INIT;
+		struct grid_apart a;
+		struct grid *g;
+
+		model_start(3000);
+		for (size_t k = 1; i && k < model.n; k += 2)
+			model.source[k].removed = 1;
+		CHECK(write_next(&f, NULL, "sources-1", &a, &err));
+		CHECK(grid_open(f.fd, "m", GRID_NEWEST, ledger, 1 << 20, &g, &err));
+		charged[i] = grid_charged(g);
+		peak[i] = ledger_peak(ledger, LEDGER_INDEX);
+		assert_int_equal(ledger_held(ledger, LEDGER_INDEX), charged[i]);
+		grid_close(g);
+		assert_true(ledger_left(ledger) == 1 << 24);
+	}
+	assert_true(peak[1] - peak[0] >= 2999 * 2 * sizeof(struct grid_batch));
+	assert_true(charged[1] - charged[0] < 2999 * sizeof(struct grid_batch));
+	ledger_free(ledger);
+	folder_remove(&f);
+}
+
+static size_t largest;
+
+static ssize_t large_pread(int fd, void *buf, size_t n, off_t off)
+{
+	largest = n > largest ? n : largest;
+	return io_system.pread(fd, buf, n, off);
+}
+
+static ssize_t large_pwrite(int fd, const void *buf, size_t n, off_t off)
+{
+	largest = n > largest ? n : largest;
+	return io_system.pwrite(fd, buf, n, off);
+}
+
+/* Writing and verifying a file take the memory of a piece. */
+static void test_pieces(void **state)
+{
+	const struct io_table *before = io;
+	struct folder f = folder_new();
+	struct grid_manifest *m;
+	struct err err = ERR_INIT;
+	struct grid_apart a;
+
+	model_start(5000);
+	table = *io;
+	table.pread = large_pread;
+	table.pwrite = large_pwrite;
+	io = &table;
+	CHECK(write_next(&f, NULL, "sources-1", &a, &err));
+	CHECK(grid_manifest_load_bare(f.fd, "m", NULL, &m, &err));
+	assert_true(m->files[0].bytes > 300000);
+	CHECK(grid_sources_verify(f.fd, m, 0, &err));
+	assert_true(largest && largest <= 64 << 10);
+	io = before;
+	grid_manifest_free(m);
+	folder_remove(&f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_chains), cmocka_unit_test(test_few_bytes), cmocka_unit_test(test_changed),
-		cmocka_unit_test(test_damage), cmocka_unit_test(test_rubbish),   cmocka_unit_test(test_failing_calls),
-		cmocka_unit_test(test_memory), cmocka_unit_test(test_foreign),
+		cmocka_unit_test(test_chains),      cmocka_unit_test(test_few_bytes), cmocka_unit_test(test_changed),
+		cmocka_unit_test(test_damage),      cmocka_unit_test(test_rubbish),   cmocka_unit_test(test_failing_calls),
+		cmocka_unit_test(test_memory),      cmocka_unit_test(test_foreign),   cmocka_unit_test(test_never_fits),
+		cmocka_unit_test(test_open_memory), cmocka_unit_test(test_pieces),
 	};
 
 	no_sync();

@@ -11,6 +11,7 @@ import os
 import pathlib
 import pickle
 import pwd
+import shutil
 import signal
 import struct
 import threading
@@ -419,7 +420,14 @@ def inputs():
         expect(of.of_lines and of.features == (1, 0, 0, 0) and (of.lines, of.vertices, of.points) == (1, 3, 0), of)
         expect((lambda x: (x.line_files, x.features, x.lines, x.vertices))(c.dataset("lines")) == (1, (1, 0, 0, 0), 1, 3), c.dataset("lines"))
         expect(not c.dataset_log("s", files=True)[0].changes[0].of_lines and c.dataset("s").line_files == 0, "points")
+        of_lines = os.path.join(base, "of_lines")
+        d.ctl("dataset", "export", "lines", of_lines).ok()
+        for name in "lines-1.new", "lines-", "sources-0-0123456789abcdef.new", ".a.seg":  # no files of the dataset
+            shutil.copy(os.path.join(of_lines, "manifest"), os.path.join(of_lines, name))
+        c.import_dataset(of_lines, "lines-again")
+        expect((lambda x: (x.line_files, x.lines, x.vertices))(c.dataset("lines-again")) == (1, 1, 3), c.dataset("lines-again"))
         d.ctl("dataset", "rm", "lines").ok()
+        d.ctl("dataset", "rm", "lines-again").ok()
         out = os.path.join(base, "out")
         d.ctl("dataset", "export", "s", out).ok()
         expect(c.import_dataset(out, "again").points == before.points, "import")

@@ -339,6 +339,9 @@ static void hanging(void **state)
 	wait_done(s, 2);
 	assert_true(other.task.ran && own.task.ran);
 	assert_int_equal(atomic_load(&norder), SCHED_HELD_EACH + 2); /* the user's other files wait */
+	assert_int_equal(sched_hanging(s, &own.task.owner), SCHED_HELD_EACH);
+	assert_int_equal(sched_hanging(s, &hangs[order[0] - 1].task.owner), SCHED_HELD_EACH - 1); /* without its own */
+	assert_int_equal(sched_hanging(s, &other.task.owner), 0);
 	gate = 1;
 	wait_done(s, 2 + N);
 	for (int i = 0; i < N; i++)
@@ -391,7 +394,8 @@ static void hung_for_a_while(void **state)
 	sched_submit(s, &hangs.task);
 	wait_started(1);
 	assert_int_equal(sched_hold(s, 1), 1);
-	assert_true(sched_hangs(s, &helper.task.owner) && !sched_hangs(s, &busy[0].task.owner));
+	assert_int_equal(sched_hanging(s, &helper.task.owner), 0); /* it waits for its own flow */
+	assert_int_equal(sched_hanging(s, &(struct sched_owner){.uid = 7, .flow = 9}), 1);
 	sched_submit(s, &busy[0].task);
 	sched_submit(s, &busy[1].task);
 	wait_started(3);
@@ -399,7 +403,7 @@ static void hung_for_a_while(void **state)
 	usleep(20000);
 	assert_int_equal(atomic_load(&norder), 3);
 	sched_release(s, 1);
-	assert_false(sched_hangs(s, &helper.task.owner));
+	assert_int_equal(sched_hanging(s, &(struct sched_owner){.uid = 7, .flow = 9}), 0);
 	wait_extra(s, 1); /* all are busy */
 	assert_int_equal(sched_hold(s, 1), 1);
 	assert_int_equal(ledger_held(ledger, LEDGER_THREAD), sched_thread_bytes(1) / 3);

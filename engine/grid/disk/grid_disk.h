@@ -26,6 +26,7 @@ enum {
 				    * generations, 4 no readings and overridden coordinate systems, 5 no WKT, 6 no lines, 7 no
 				    * ranges of keys, 8 no files of sources */
 	DISK_SOURCES_VERSION = 1,
+	DISK_SOURCES_LAYOUT = 9, /* in version 1 of files of sources, a source is as in a manifest of this version */
 	DISK_ALIGN = 16,
 	DISK_HEADER = 4096,     /* of a segment */
 	DISK_RUN_VERSION = 2,   /* version 1 has blocks of different sizes; it is read, too */

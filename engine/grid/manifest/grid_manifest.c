@@ -419,14 +419,16 @@ static int bytes_to_read(int fd, const char *name, uint64_t size, uint64_t *ret,
 	return 0;
 }
 
-int manifest_charge(struct ledger *ledger, uint64_t bytes, const char *name, struct err *err)
+int manifest_charge(struct ledger *ledger, uint64_t bytes, uint64_t had, const char *name, struct err *err)
 {
+	const uint64_t all = had + bytes;
+
 	if (ledger_take(ledger, LEDGER_MANIFEST, bytes))
 		return 0;
-	if (bytes > ledger_total(ledger) / 2) {
+	if (all > ledger_total(ledger) / 2) {
 		err_set(err, ERR_LIMIT, "the manifest takes %llu MiB to read, of a memory of %llu MiB",
-			(unsigned long long)(bytes >> 20), (unsigned long long)(ledger_total(ledger) >> 20));
-		err_add_hint(err, "give acutd --memory %lluM or more", (unsigned long long)(bytes >> 18));
+			(unsigned long long)(all >> 20), (unsigned long long)(ledger_total(ledger) >> 20));
+		err_add_hint(err, "give acutd --memory %lluM or more", (unsigned long long)(all >> 18));
 	} else {
 		err_set(err, ERR_BUSY, "no %llu KiB are free for the manifest of the dataset", (unsigned long long)(bytes >> 10));
 		err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
@@ -461,7 +463,7 @@ int grid_manifest_load_bare(int dirfd, const char *name, struct ledger *ledger, 
 		   (uint64_t)st.st_size > MANIFEST_MOST) {
 		rc = manifest_damaged(name, "its size is impossible", err);
 	} else if (ledger && ((rc = bytes_to_read(fd, name, (uint64_t)st.st_size, &charged, err)) ||
-			      (rc = manifest_charge(ledger, charged, name, err)))) {
+			      (rc = manifest_charge(ledger, charged, 0, name, err)))) {
 		charged = 0;
 	} else if (!(bytes = malloc((size_t)st.st_size))) {
 		rc = err_set(err, ERR_NOMEM, "no memory for a manifest of %lld bytes", (long long)st.st_size);

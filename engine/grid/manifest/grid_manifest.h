@@ -161,9 +161,10 @@ int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest 
 /* With files of sources: those of m->files that have no source which is gone, and a new one if more than grid_sources_here
  * sources of points are in none. Then it also takes in older files, so that there are few. */
 struct grid_apart {
-	const char *name; /* of the new file in the manifest */
-	const char *as;   /* the name that it gets now; the caller gives it the other one. NULL: the same */
+	const char *name; /* of the new file in the manifest; NULL: "sources-" and its check, so that it never has other bytes */
+	const char *as;   /* the name that it gets now; the caller gives it the other one. NULL: the same, which is not NULL */
 	bool made;        /* there is a new file */
+	struct grid_sources_file file; /* ... this one, as the manifest names it */
 	/* Of m->files: not named any more. */
 	char dropped[GRID_SOURCES_FILES][64];
 	unsigned ndropped;

@@ -58,8 +58,9 @@ const char *manifest_take_lives(struct grid_manifest *);
 /* NULL, or the rule that its batches break. */
 const char *manifest_batches_fault(const struct grid_manifest *, bool *ret_nomem);
 
-/* Charges the memory for reading a manifest. */
-int manifest_charge(struct ledger *, uint64_t bytes, const char *name, struct err *err);
+/* Charges the memory for reading a manifest. `had`: what it has already. The sum is compared with half of the total: if each part
+ * were, one that never fits would be -ERR_BUSY. */
+int manifest_charge(struct ledger *, uint64_t bytes, uint64_t had, const char *name, struct err *err);
 /* Sets the error: a damaged manifest, or file of sources. */
 int manifest_damaged(const char *name, const char *what, struct err *err);
 
@@ -73,7 +74,7 @@ struct apart {
 };
 int manifest_apart_choose(const struct grid_manifest *, struct grid_apart *, struct apart *ret, struct err *err);
 void manifest_apart_done(struct apart *);
-int manifest_apart_write(int dirfd, const struct grid_manifest *, const struct grid_apart *, struct apart *, struct err *err);
+int manifest_apart_write(int dirfd, const struct grid_manifest *, struct grid_apart *, struct apart *, struct err *err);
 void manifest_pack_text(struct packer *, const char *text);
 void manifest_pack_source(struct packer *, const struct grid_source *);
 uint64_t manifest_source_bytes(const struct grid_source *); /* in a file */

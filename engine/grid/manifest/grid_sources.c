@@ -15,6 +15,11 @@
 #include "io.h"
 #include "ledger.h"
 
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+enum { PIECE = 64 << 10 }; /* of a file that is only checked */
+
 static int damaged(const char *name, const char *what, struct err *err)
 {
 	err_set(err, ERR_CORRUPT, "a file of sources is damaged: %s", what);
@@ -42,25 +47,24 @@ static int open_file(int dirfd, const struct grid_sources_file *f, int *ret_fd, 
 	return rc;
 }
 
-/* Checks all but the sources. */
-static int check_file(const struct grid_sources_file *f, const uint8_t *bytes, struct err *err)
+/* Checks all but the sources. `said`: the check at the end of the file, `is`: that of its bytes. */
+static int check_file(const struct grid_sources_file *f, const uint8_t *head, uint64_t said, uint64_t is, struct err *err)
 {
-	struct cursor c = cursor_of(bytes, f->bytes);
+	struct cursor c = cursor_of(head, SOURCES_HEAD);
 	const uint8_t *magic = cursor_bytes(&c, 8);
 	uint32_t version = cursor_u32(&c), n = cursor_u32(&c);
-	uint64_t size = cursor_u64(&c), check;
+	uint64_t size = cursor_u64(&c);
 
-	memcpy(&check, bytes + f->bytes - CHECK_BYTES, sizeof check);
 	if (memcmp(magic, DISK_SOURCES_MAGIC, 8))
 		return damaged(f->name, "it does not begin like one", err);
-	if (check != grid_check(bytes, f->bytes - CHECK_BYTES, 0))
+	if (said != is)
 		return damaged(f->name, "its checksum does not agree", err);
 	if (!version || version > DISK_SOURCES_VERSION) {
 		err_set(err, ERR_VERSION, "a file of sources of version %u; this acut reads versions up to %u", version,
 			DISK_SOURCES_VERSION);
 		return err_add_file(err, f->name);
 	}
-	if (check != f->check || n != f->n || size != f->bytes)
+	if (said != f->check || n != f->n || size != f->bytes)
 		return damaged(f->name, "it is not the one that the manifest names", err);
 	return 0;
 }
@@ -68,7 +72,9 @@ static int check_file(const struct grid_sources_file *f, const uint8_t *bytes, s
 /* Its bytes, checked; to be freed. */
 static int read_file(int dirfd, const struct grid_sources_file *f, uint8_t **ret, struct err *err)
 {
+	const uint64_t end = f->bytes - CHECK_BYTES;
 	uint8_t *bytes;
+	uint64_t said;
 	int fd, rc = open_file(dirfd, f, &fd, err);
 
 	if (rc)
@@ -77,8 +83,10 @@ static int read_file(int dirfd, const struct grid_sources_file *f, uint8_t **ret
 	rc = bytes ? io_read_at(fd, bytes, f->bytes, 0, f->name, err) :
 		     err_set(err, ERR_NOMEM, "no memory for a file of %llu bytes", (unsigned long long)f->bytes);
 	io_close(fd);
-	if (rc == 0)
-		rc = check_file(f, bytes, err);
+	if (rc == 0) {
+		memcpy(&said, bytes + end, sizeof said);
+		rc = check_file(f, bytes, said, grid_check(bytes, end, 0), err);
+	}
 	if (rc)
 		free(bytes);
 	else
@@ -116,7 +124,7 @@ static const char *take_file(struct grid_manifest *m, const struct grid_sources_
 	for (uint32_t i = 0; i < f->n; i++) {
 		struct grid_source s = {.file = f->check}, *place;
 
-		if (!manifest_unpack_source(&c, m, DISK_MANIFEST_VERSION, pool, &none, &s))
+		if (!manifest_unpack_source(&c, m, DISK_SOURCES_LAYOUT, pool, &none, &s))
 			return "a source in it is malformed";
 		place = place_of(to, s.id);
 		if (s.id <= last || !place || place->name)
@@ -184,6 +192,27 @@ static int measure(int dirfd, const struct grid_manifest *m, uint64_t *ret_bytes
 	return 0;
 }
 
+/* Gives the manifest all sources. If it breaks a rule with them, which is returned, or *ret_nomem, it stays bare. */
+static const char *put_sources(struct grid_manifest *m, struct found *to, bool *ret_nomem)
+{
+	struct grid_source *here = m->sources;
+	const size_t nhere = m->nsources;
+	const char *fault;
+
+	m->sources = to->all;
+	m->nsources = m->nall;
+	fault = grid_manifest_check(m, ret_nomem);
+	if (fault || *ret_nomem) {
+		m->sources = here;
+		m->nsources = nhere;
+		return fault;
+	}
+	free(here);
+	to->all = NULL;
+	m->bare = false;
+	return NULL;
+}
+
 static int take_files(int dirfd, struct grid_manifest *m, uint64_t bytes, struct found *to, struct err *err)
 {
 	struct pool pool = {.bytes = malloc(bytes), .room = bytes};
@@ -200,22 +229,21 @@ static int take_files(int dirfd, struct grid_manifest *m, uint64_t bytes, struct
 			rc = damaged(m->files[i].name, fault, err);
 		free(of);
 	}
+	if (rc == 0) {
+		const char *fault = put_sources(m, to, &nomem);
+
+		if (nomem)
+			rc = err_set(err, ERR_NOMEM, "no memory to check a manifest");
+		else if (fault)
+			rc = damaged(m->files[0].name, fault, err);
+	}
 	if (rc) {
 		free(pool.bytes);
 		return rc;
 	}
-	free(m->sources);
-	m->sources = to->all;
-	m->nsources = m->nall;
 	m->names = pool.bytes;
 	m->texts_bytes += pool.used;
-	m->bare = false;
-	to->all = NULL;
-	const char *fault = grid_manifest_check(m, &nomem);
-
-	if (nomem)
-		return err_set(err, ERR_NOMEM, "no memory to check a manifest");
-	return fault ? damaged(m->files[0].name, fault, err) : 0;
+	return 0;
 }
 
 int grid_manifest_complete(int dirfd, struct grid_manifest *m, struct err *err)
@@ -231,7 +259,7 @@ int grid_manifest_complete(int dirfd, struct grid_manifest *m, struct err *err)
 		return rc;
 	charged = bytes + largest + m->nall * (sizeof *m->sources + 2 * sizeof(char *)) +
 		  m->nbatches * (2 * sizeof *m->batches + sizeof(size_t));
-	if (m->ledger && (rc = manifest_charge(m->ledger, charged, m->files[0].name, err)))
+	if (m->ledger && (rc = manifest_charge(m->ledger, charged, m->charged, m->files[0].name, err)))
 		return rc;
 	rc = make_places(m, &places, err);
 	if (rc == 0)
@@ -246,11 +274,40 @@ int grid_manifest_complete(int dirfd, struct grid_manifest *m, struct err *err)
 	return rc;
 }
 
+/* The check of the open file's bytes, its head, and the check that it ends with. */
+static int check_bytes(int fd, const struct grid_sources_file *f, uint8_t *piece, uint8_t *ret_head, uint64_t *ret_said,
+		       uint64_t *ret_is, struct err *err)
+{
+	const uint64_t end = f->bytes - CHECK_BYTES;
+	XXH3_state_t state;
+	int rc = 0;
+
+	XXH3_64bits_reset(&state);
+	for (uint64_t at = 0; rc == 0 && at < end; at += PIECE) {
+		size_t n = end - at < PIECE ? (size_t)(end - at) : PIECE;
+
+		rc = io_read_at(fd, piece, n, at, f->name, err);
+		if (rc == 0)
+			XXH3_64bits_update(&state, piece, n);
+		if (rc == 0 && at == 0)
+			memcpy(ret_head, piece, SOURCES_HEAD);
+	}
+	*ret_is = XXH3_64bits_digest(&state);
+	return rc ? rc : io_read_at(fd, ret_said, sizeof *ret_said, end, f->name, err);
+}
+
 int grid_sources_verify(int dirfd, const struct grid_manifest *m, size_t file, struct err *err)
 {
-	uint8_t *bytes = NULL;
-	int rc = read_file(dirfd, &m->files[file], &bytes, err);
+	const struct grid_sources_file *f = &m->files[file];
+	uint8_t head[SOURCES_HEAD] = {0}, *piece;
+	uint64_t said = 0, is = 0;
+	int fd, rc = open_file(dirfd, f, &fd, err);
 
-	free(bytes);
-	return rc;
+	if (rc)
+		return rc;
+	piece = malloc(PIECE);
+	rc = piece ? check_bytes(fd, f, piece, head, &said, &is, err) : err_set(err, ERR_NOMEM, "no memory to check a file");
+	free(piece);
+	io_close(fd);
+	return rc ? rc : check_file(f, head, said, is, err);
 }

@@ -15,6 +15,11 @@
 #include "grid_file.h"
 #include "grid_manifest_priv.h"
 
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+enum { BUFFER = 64 << 10 }; /* more than a source takes */
+
 unsigned grid_sources_here = 128;
 
 /* Of the manifest's files: those that stay, and the sources in the new one. */
@@ -142,53 +147,78 @@ static const struct grid_source **sort_fresh(const struct grid_manifest *m, cons
 	return s;
 }
 
-static bool pack_file(const struct grid_source *const *s, size_t n, uint8_t *bytes, uint64_t size, uint64_t *ret_check)
+/* Appends the bytes that were packed, and counts them. */
+static void put(struct grid_file *out, const struct packer *p, const uint8_t *bytes, XXH3_state_t *sum)
 {
-	struct packer p = packer_of(bytes, size);
-
-	packer_bytes(&p, DISK_SOURCES_MAGIC, 8);
-	packer_u32(&p, DISK_SOURCES_VERSION);
-	packer_u32(&p, (uint32_t)n);
-	packer_u64(&p, size);
-	for (size_t i = 0; i < n; i++)
-		manifest_pack_source(&p, s[i]);
-	*ret_check = grid_check(bytes, packer_size(&p), 0);
-	packer_u64(&p, *ret_check);
-	return !p.bad && packer_size(&p) == size;
+	XXH3_64bits_update(sum, bytes, packer_size(p));
+	grid_file_commit(out, packer_size(p));
 }
 
-int manifest_apart_write(int dirfd, const struct grid_manifest *m, const struct grid_apart *a, struct apart *apart,
-			 struct err *err)
+/* It packs source after source, so that a file of many takes no more memory than one of few. */
+static int put_file(struct grid_file *out, const struct grid_source *const *s, struct grid_sources_file *f, struct err *err)
+{
+	XXH3_state_t sum;
+	struct packer p;
+	uint8_t *to;
+	int rc = grid_file_reserve(out, SOURCES_HEAD, &to, err);
+
+	if (rc)
+		return rc;
+	XXH3_64bits_reset(&sum);
+	p = packer_of(to, SOURCES_HEAD);
+	packer_bytes(&p, DISK_SOURCES_MAGIC, 8);
+	packer_u32(&p, DISK_SOURCES_VERSION);
+	packer_u32(&p, f->n);
+	packer_u64(&p, f->bytes);
+	put(out, &p, to, &sum);
+	for (size_t i = 0; i < f->n; i++) {
+		size_t n = manifest_source_bytes(s[i]);
+
+		rc = grid_file_reserve(out, n, &to, err);
+		if (rc)
+			return rc;
+		p = packer_of(to, n);
+		manifest_pack_source(&p, s[i]);
+		if (p.bad)
+			return err_set(err, ERR_INTERNAL, "a source is larger than it can be");
+		put(out, &p, to, &sum);
+	}
+	f->check = XXH3_64bits_digest(&sum);
+	rc = grid_file_append(out, &f->check, sizeof f->check, err);
+	return rc || grid_file_place(out) == f->bytes ? rc : err_set(err, ERR_INTERNAL, "a file of sources has another size");
+}
+
+int manifest_apart_write(int dirfd, const struct grid_manifest *m, struct grid_apart *a, struct apart *apart, struct err *err)
 {
 	const char *name = a->as ? a->as : a->name;
 	struct grid_sources_file *f = &apart->files[apart->nfiles - 1];
 	const struct grid_source **s;
 	struct grid_file out = GRID_FILE_INIT;
-	uint8_t *buffer, *to;
+	uint8_t *buffer;
 	int rc;
 
 	*f = (struct grid_sources_file){.n = (uint32_t)apart->nfresh};
 	s = sort_fresh(m, apart, &f->bytes);
-	if (strlen(name) >= GRID_NAME_MAX || strlen(a->name) >= sizeof f->name || f->bytes > MANIFEST_MOST) {
+	if (strlen(name) >= GRID_NAME_MAX || (a->name && strlen(a->name) >= sizeof f->name) || f->bytes > MANIFEST_MOST) {
 		free(s);
 		return err_set(err, ERR_LIMIT, "%zu sources cannot be written as '%s'", apart->nfresh, name);
 	}
-	snprintf(f->name, sizeof f->name, "%s", a->name);
-	buffer = s ? malloc(f->bytes) : NULL;
+	buffer = s ? malloc(BUFFER) : NULL;
 	if (!buffer) {
 		free(s);
 		return err_set(err, ERR_NOMEM, "no memory for a file of %zu sources", apart->nfresh);
 	}
-	rc = grid_file_create(&out, dirfd, name, buffer, f->bytes, err);
+	rc = grid_file_create(&out, dirfd, name, buffer, BUFFER, err);
 	if (rc == 0)
-		rc = grid_file_reserve(&out, f->bytes, &to, err);
-	if (rc == 0 && !pack_file(s, apart->nfresh, to, f->bytes, &f->check))
-		rc = err_set(err, ERR_INTERNAL, "a file of sources is larger than it can be");
-	if (rc == 0) {
-		grid_file_commit(&out, f->bytes);
-		/* The name becomes durable with that of the manifest. */
+		rc = put_file(&out, s, f, err);
+	if (a->name)
+		snprintf(f->name, sizeof f->name, "%s", a->name);
+	else
+		snprintf(f->name, sizeof f->name, "sources-%016llx", (unsigned long long)f->check);
+	a->file = *f;
+	/* The name becomes durable with that of the manifest. */
+	if (rc == 0)
 		rc = grid_file_publish(&out, GRID_DURABLE_DATA, err);
-	}
 	grid_file_abort(&out);
 	free(buffer);
 	free(s);

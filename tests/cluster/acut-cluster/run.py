@@ -268,23 +268,24 @@ def killed_once(base):
 
 
 def lost_results(base):
-    """A pack that is gone is made again by resume, when a task has missed it."""
+    """A pack or the manifest that is gone is made again by resume, when a task has missed it."""
     survey, work = tiles(base + "/tiles"), base + "/w"
     run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--no-config", "--task-points", "130k")
     with open(base + "/m.ply", "rb") as f:
         before = f.read()
     pack = [name for name in os.listdir(work + "/mesh") if name.startswith("pack-1-")][0]
-    os.unlink(work + "/mesh/" + pack)
-    for name in [n for n in os.listdir(work + "/done") if n.startswith(("gather-", "finish-"))]:
-        os.unlink(work + "/done/" + name)
-    for name in [n for n in os.listdir(work) if n.startswith("shared-")] + ["../m.ply"]:
-        os.unlink(os.path.join(work, name))
-    p = run(TASK, work, "gather", "1", env={"ACUT_CLUSTER_PATIENCE": "0.2"}, status=74)
-    check("it is missed", pack in p.stderr, p.stderr)
-    p = run(CLUSTER, "resume", work, env={"ACUT_CLUSTER_PATIENCE": "2"})
-    check("it is made again", "2 tasks are done again" in p.stderr and show(work)["state"] == "done", p.stderr)
-    with open(base + "/m.ply", "rb") as f:
-        check("the same output", f.read() == before)
+    for lost, n in ("/mesh/" + pack, "2 tasks are"), ("/dataset/manifest", "1 task is"):
+        os.unlink(work + lost)
+        for name in [n for n in os.listdir(work + "/done") if n.startswith(("gather-", "finish-"))]:
+            os.unlink(work + "/done/" + name)
+        for name in [n for n in os.listdir(work) if n.startswith("shared-")] + ["../m.ply"]:
+            os.unlink(os.path.join(work, name))
+        p = run(TASK, work, "gather", "1", env={"ACUT_CLUSTER_PATIENCE": "0.2"}, status=74)
+        check("it is missed", os.path.basename(lost) in p.stderr, p.stderr)
+        p = run(CLUSTER, "resume", work, env={"ACUT_CLUSTER_PATIENCE": "2"})
+        check("it is made again", n + " done again" in p.stderr and show(work)["state"] == "done", p.stderr)
+        with open(base + "/m.ply", "rb") as f:
+            check("the same output", f.read() == before)
 
 
 def elsewhere(base):

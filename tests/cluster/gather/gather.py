@@ -557,6 +557,17 @@ def some_named():
             expect((got.status != 0) == ("--no-clobber" in more), "%d %s" % (got.status, got.err))
 
 
+def dataset_is_gone():
+    """A manifest that is gone, and was missed by a task, is made again: its task has no record then."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=3)
+        path, words = work.fresh(), ["-o", os.path.join(base, "x.ply")]
+        phases("gather", path, 0, *words).ok()
+        os.unlink(os.path.join(path, "dataset", "manifest"))
+        expect(phases("gather", path, 1, *words).status, "no manifest was missed")
+        expect(forgotten(path, *words) == 1 and not os.path.exists(os.path.join(path, "done", "commit-0")), os.listdir(os.path.join(path, "done")))
+
+
 def older():
     """A run that an older version began has no phase sum."""
     with e2e.Folder() as base:
@@ -700,6 +711,6 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format, by_all_tasks], "tiles": [tiles],
-          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, packs_named_again, forgotten_once, some_named, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, packs_named_again, forgotten_once, some_named, dataset_is_gone, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
                     adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))

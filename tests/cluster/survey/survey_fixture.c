@@ -207,7 +207,15 @@ uint64_t value_of(struct work *w, enum work_phase phase, uint32_t task, const ch
 	return n;
 }
 
-/* Also checks that the folder has what the manifest names, and no more. */
+/* As the clients choose files of a dataset to import. */
+static bool is_imported(const char *name)
+{
+	size_t k = strlen(name);
+
+	return !strcmp(name, "manifest") || (k > 4 && !strcmp(name + k - 4, ".seg")) || !strcmp(name, "sources") ||
+	       (!strncmp(name, "sources-", 8) && !strchr(name, '.'));
+}
+
 struct content content_of(struct work *w)
 {
 	struct content c = {.points = 0};
@@ -215,7 +223,9 @@ struct content content_of(struct work *w)
 	struct grid *g;
 	struct err err = ERR_INIT;
 	struct dirent *e;
+	struct work_record *record = NULL;
 	size_t files = 0;
+	char name[64];
 	DIR *dir;
 	int fd;
 
@@ -242,10 +252,17 @@ struct content content_of(struct work *w)
 	assert_int_equal(m->generations[0].files, c.sources);
 	dir = fdopendir(fd);
 	while ((e = readdir(dir)))
-		files += *e->d_name != '.';
+		files += *e->d_name != '.' && (!told.left || is_imported(e->d_name));
 	assert_int_equal(files, 1 + m->nsegments + m->nfiles);
 	assert_int_equal(m->nfiles, 1);
-	assert_string_equal(m->files[0].name, "sources");
+	snprintf(name, sizeof name, "sources-%016llx", (unsigned long long)m->files[0].check);
+	assert_string_equal(m->files[0].name, name);
+	check(work_record_need(w, WORK_COMMIT, 0, &record, &err), &err);
+	assert_int_equal(record->nfile, 2);
+	assert_string_equal(record->file[0].name, "dataset/manifest");
+	assert_string_equal(record->file[1].name + strlen("dataset/"), name);
+	work_record_free(record);
+	assert_int_equal(value_of(w, WORK_COMMIT, 0, "bytes"), grid_manifest_bytes(m));
 	grid_manifest_free(m);
 	grid_close(g);
 	closedir(dir);

@@ -23,6 +23,7 @@ struct told {
 	char all[4096]; /* "FILE: MESSAGE" lines */
 	uint64_t stop;  /* progress refuses from here on; 0: never */
 	bool kills;     /* ... or kills the process */
+	bool left;      /* a commit was killed: the dataset's folder may have files that are not of the dataset */
 };
 extern struct told told;
 
@@ -63,7 +64,7 @@ struct content {
 	struct digest hash[FILES]; /* of the sources, by their names */
 	uint32_t id[FILES];
 };
-/* Also checks that the folder has what the manifest names, and no more. */
+/* Also checks that the folder has what the manifest names, and no more, or no more that would be imported (told.left). */
 struct content content_of(struct work *w);
 void same(const struct content *a, const struct content *b);
 

@@ -5,6 +5,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -272,6 +273,118 @@ static void an_attempt_that_ends_early_counts_for_nothing(void **state)
 	work_close(w);
 }
 
+static const char *kills_at; /* the first letters of a name */
+
+static int killing_linkat(int from, const char *old, int to, const char *name, int flags)
+{
+	if (!strncmp(name, kills_at, strlen(kills_at)))
+		raise(SIGKILL);
+	return io_system.linkat(from, old, to, name, flags);
+}
+
+/* Ends when it is to give a file that name. */
+static void kill_commit(struct work *w, const struct survey_params *p, const char *at)
+{
+	struct err err = ERR_INIT;
+	pid_t child = fork();
+	int status;
+
+	if (!child) {
+		kills_at = at;
+		no_sync()->linkat = killing_linkat;
+		survey_commit(w, p, &err);
+		_exit(1);
+	}
+	assert_int_equal(waitpid(child, &status, 0), child);
+	assert_true(WIFSIGNALED(status));
+}
+
+static struct work *staged(const struct inputs *in, const struct survey_params *p)
+{
+	struct work *w = make_run(in, &one_stage);
+	struct err err = ERR_INIT;
+
+	check(survey_head(w, p, &err), &err);
+	check(survey_stage(w, 0, p, &err), &err);
+	return w;
+}
+
+/* What it leaves is not taken for a file of the dataset. */
+static void a_killed_commit_leaves_a_dataset_that_can_be_imported(void **state)
+{
+	static const char *const at[] = {"sources", "manifest", "done/commit"};
+	struct inputs in = tiles();
+	struct survey_params p = params();
+
+	for (unsigned i = 0; i < 3; i++) {
+		struct work *w = staged(&in, &p);
+		struct err err = ERR_INIT;
+
+		told.left = true;
+		kill_commit(w, &p, at[i]);
+		check(survey_commit(w, &p, &err), &err);
+		assert_int_equal(content_of(w).points, FILES * 2 * POINTS);
+		work_close(w);
+	}
+}
+
+/* The file of sources of the dataset; fails if there are more. */
+static void name_of_sources(struct work *w, char ret[64])
+{
+	int fd = openat(work_fd(w), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY);
+	DIR *dir = fdopendir(fd);
+	struct dirent *e;
+
+	*ret = 0;
+	while ((e = readdir(dir)))
+		if (!strncmp(e->d_name, "sources-", 8) && !strchr(e->d_name, '.')) {
+			assert_int_equal(*ret, 0);
+			snprintf(ret, 64, "%.63s", e->d_name);
+		}
+	closedir(dir);
+	assert_int_not_equal(*ret, 0);
+}
+
+static void give(struct work *from, struct work *to, const char *file)
+{
+	char path[128];
+
+	snprintf(path, sizeof path, WORK_IN_DATASET "/%s", file);
+	assert_int_equal(linkat(work_fd(from), path, work_fd(to), path, 0), 0);
+}
+
+/* A commit was killed when it had named the file of sources, and then an input changed. */
+static void sources_of_other_stages_are_removed(void **state)
+{
+	struct inputs in = tiles();
+	struct survey_params p = params();
+	struct work *old = staged(&in, &p), *w;
+	struct err err = ERR_INIT;
+	char was[64], is[64];
+
+	kill_commit(old, &p, "manifest");
+	name_of_sources(old, was);
+	in.n--;
+	w = staged(&in, &p);
+	give(old, w, was);
+	told.left = true;
+	check(survey_commit(w, &p, &err), &err);
+	assert_int_equal(content_of(w).sources, FILES - 1);
+	name_of_sources(w, is);
+	assert_string_not_equal(is, was);
+	work_close(w);
+	/* It had its manifest, too: that one stays, with the file that it names. */
+	check(survey_commit(old, &p, &err), &err);
+	w = staged(&in, &p);
+	give(old, w, was);
+	give(old, w, "manifest");
+	assert_int_equal(survey_commit(w, &p, &err), -ERR_CONFLICT);
+	name_of_sources(w, is);
+	assert_string_equal(is, was);
+	work_close(w);
+	work_close(old);
+}
+
 /* What is said of the inputs reaches all phases. */
 static void degrees_are_projected_in_the_stages(void **state)
 {
@@ -432,6 +545,8 @@ int main(void)
 		TEST(sorted_ranges_have_the_same_records),
 		TEST(two_attempts_at_once_leave_one_dataset),
 		TEST(an_attempt_that_ends_early_counts_for_nothing),
+		TEST(a_killed_commit_leaves_a_dataset_that_can_be_imported),
+		TEST(sources_of_other_stages_are_removed),
 		TEST(degrees_are_projected_in_the_stages),
 		TEST(what_is_odd_is_counted),
 		TEST(without_points_there_is_an_empty_dataset),
