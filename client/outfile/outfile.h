@@ -93,6 +93,8 @@ int outfile_held(const struct outfile *, struct outfile_held *ret, struct err *e
 /* Gives it the name `path`; does nothing if another process has done that. -ERR_GONE: it is neither there nor here.
  * -ERR_CORRUPT: it is there, but is another file or of another size. */
 int outfile_settle(const char *path, const char *tag, const struct outfile_held *, bool no_clobber, struct err *err);
+/* Takes the name away again from the output, if it has it: the file is then held as before. */
+int outfile_unsettle(const char *path, const char *tag, const struct outfile_held *, struct err *err);
 /* Removes what is held for `path` by that tag, if it is there. */
 void outfile_held_drop(const char *path, const char *tag);
 

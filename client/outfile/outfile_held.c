@@ -167,6 +167,26 @@ int outfile_settle(const char *path, const char *tag, const struct outfile_held 
 	return r ? err_add_file(err, path) : 0;
 }
 
+int outfile_unsettle(const char *path, const char *tag, const struct outfile_held *held, struct err *err)
+{
+	struct err absent = ERR_INIT;
+	struct io_place p;
+	char *name;
+	int r = 0;
+
+	if (io_place_find(path, true, &p, &absent))
+		return 0;
+	name = held_name(p.name, tag);
+	if (!name)
+		r = err_set(err, ERR_NOMEM, "no memory for a file name");
+	else if (outfile_is_held(p.dirfd, p.name, held) && outfile_rename(p.dirfd, p.name, p.dirfd, name, true) &&
+		 errno != ENOENT)
+		r = err_sys(err, errno, "cannot take the name of an output away");
+	free(name);
+	io_place_done(&p);
+	return r ? err_add_file(err, path) : 0;
+}
+
 void outfile_held_drop(const char *path, const char *tag)
 {
 	struct err ignored = ERR_INIT;

@@ -127,6 +127,9 @@ int outputs_part(const struct outputs *, uint8_t **ret, size_t *ret_size, struct
 /* Between head and tail of the run that joins: a part, by these bytes. outputs_publish then gives all files their names, once
  * more if it was interrupted. */
 int outputs_join(struct outputs *, const char *part, const void *bytes, size_t size, struct err *err);
+/* The files of a part, by these bytes, that have their names already are named as parts again. `folder`: of tiles and levels;
+ * else NULL. */
+int outputs_part_take_back(const char *folder, const char *part, const void *bytes, size_t size, struct err *err);
 /* Removes the files of a part that was published and counts for nothing. */
 void outputs_part_drop(const struct outputs *);
 

@@ -6,6 +6,7 @@
  * process gets the head, these bytes and the tail, but no block; it writes the index of tiles and gives all files their names. If
  * it is interrupted, another one does the same again.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -213,37 +214,74 @@ static char *add_part(struct outputs_joined *j, const char *part, struct err *er
 	return more[j->nparts++];
 }
 
-int outputs_join(struct outputs *run, const char *name, const void *bytes, size_t size, struct err *err)
+/* What comes before the tiles. */
+static int load(struct outputs *run, const char *name, struct cursor *c, struct err *err)
 {
 	struct outputs_joined *j = &run->joined;
-	struct cursor c = cursor_of(bytes, size);
 	char *part = add_part(j, name, err);
 	struct outputs_left left;
-	int r;
 
 	if (!part)
 		return -(int)err->code;
-	if (cursor_u32(&c) != MAGIC)
+	if (cursor_u32(c) != MAGIC)
 		return damaged(err);
-	if (cursor_u32(&c) != VERSION)
+	if (cursor_u32(c) != VERSION)
 		return err_set(err, ERR_VERSION, "the list of outputs was written by another version of acut");
-	j->bytes += cursor_u64(&c);
-	j->tiles += cursor_u64(&c);
-	j->simplified.vertices += cursor_u64(&c);
-	j->simplified.left_out += cursor_u64(&c);
-	j->no_lines |= cursor_u32(&c);
-	outputs_edge_add(&run->edge, &c);
+	j->bytes += cursor_u64(c);
+	j->tiles += cursor_u64(c);
+	j->simplified.vertices += cursor_u64(c);
+	j->simplified.left_out += cursor_u64(c);
+	j->no_lines |= cursor_u32(c);
+	outputs_edge_add(&run->edge, c);
 	for (enum outputs_reason i = 0; i < OUTPUTS_BY_EDGE; i++) {
-		outputs_left_load(&left, &c);
+		outputs_left_load(&left, c);
 		outputs_left_sum(&j->left[i], &left);
 	}
-	r = load_moves(run, part, &c, err);
+	return load_moves(run, part, c, err);
+}
+
+int outputs_join(struct outputs *run, const char *name, const void *bytes, size_t size, struct err *err)
+{
+	struct cursor c = cursor_of(bytes, size);
+	int r = load(run, name, &c, err);
+
 	if (!r && cursor_u8(&c) != (run->tiles != NULL))
 		r = damaged(err);
 	if (!r && run->tiles)
 		r = outputs_tiles_load(run->tiles, &c, err);
 	if (!r && (c.bad || cursor_left(&c)))
 		r = damaged(err);
+	return r;
+}
+
+static int take_back(const char *folder, const struct outputs_move *move, struct err *err)
+{
+	char *path;
+	int r;
+
+	if (!folder)
+		return outfile_unsettle(move->name, move->part, &move->held, err);
+	if (asprintf(&path, "%s/%s", folder, move->name) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	r = outfile_unsettle(path, move->part, &move->held, err);
+	free(path);
+	return r;
+}
+
+int outputs_part_take_back(const char *folder, const char *part, const void *bytes, size_t size, struct err *err)
+{
+	struct cursor c = cursor_of(bytes, size);
+	struct outputs *run = calloc(1, sizeof(*run));
+	int r;
+
+	if (!run)
+		return err_set(err, ERR_NOMEM, "no memory for the list of outputs");
+	run->opt.tiled = folder != NULL;
+	r = load(run, part, &c, err);
+	for (size_t i = 0; i < run->joined.moves.n && !r; i++)
+		r = take_back(folder, &run->joined.moves.move[i], err);
+	outputs_joined_done(&run->joined);
+	free(run);
 	return r;
 }
 

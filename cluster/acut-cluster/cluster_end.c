@@ -34,7 +34,9 @@ static int recover(struct cluster_run *r, struct err *err)
 	if (!r->size.tasks[WORK_GATHER])
 		return 0;
 	here = open(".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-	if (r->own.opt.directory && (here < 0 || chdir(r->own.opt.directory))) {
+	if (r->own.opt.directory && here < 0)
+		return err_sys(err, errno, "the working directory cannot be opened, so that --directory could be left again");
+	if (r->own.opt.directory && chdir(r->own.opt.directory)) {
 		e = err_sys(err, errno, "the folder of the command cannot be entered");
 		err_add_file(err, r->own.opt.directory);
 	}

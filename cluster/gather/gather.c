@@ -16,8 +16,6 @@
 #include "gather_priv.h"
 #include "io.h"
 
-enum { PROCESS = 16 << 20, LEAST = 4 << 20 };
-
 /* ---- options ---- */
 
 static const struct format *tile_format(const struct ctl_fetch_options *a)
@@ -128,22 +126,6 @@ static bool domain_wanted(void *ctx, const struct store_pack_entry *e)
 	return gather_tiles_meets(t->tiles, e, t->share);
 }
 
-/* What is left of the memory for the table of open vertices and the sorts of the outputs. */
-static int memory_left(const struct task *t, uint64_t *ret, struct err *err)
-{
-	const uint64_t held = PROCESS + t->in.held + t->in.memory, need = held + LEAST;
-
-	if (t->p->memory < need) {
-		err->need = need;
-		err_set(err, ERR_LIMIT,
-			"a task has %llu bytes of memory, and needs %llu with the largest domain and the manifest",
-			(unsigned long long)t->p->memory, (unsigned long long)need);
-		return err_add_hint(err, "give tasks more memory (--task-memory)");
-	}
-	*ret = t->p->memory - held;
-	return 0;
-}
-
 static int write_outputs(struct task *t, struct err *err)
 {
 	struct outputs_options opt = {.part = t->part,
@@ -155,7 +137,7 @@ static int write_outputs(struct task *t, struct err *err)
 	struct acut_mesh_sink sink;
 	struct pipe_totals totals;
 	uint64_t memory = 0;
-	int r = memory_left(t, &memory, err);
+	int r = gather_input_needs(&t->in, &memory, err);
 
 	if (r)
 		return r;
@@ -276,7 +258,7 @@ static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 	uint64_t memory = 0;
 	double waited = 0;
 	uint64_t range[2];
-	int r = memory_left(t, &memory, err);
+	int r = gather_input_needs(&t->in, &memory, err);
 
 	memcpy(own, t->part, sizeof(own));
 	t->head = calloc(1, sizeof(*t->head));
@@ -314,7 +296,7 @@ static int run(struct task *t, struct err *err)
 		return 0;
 	r = gather_input_read(&t->in, t->p, t->index, err);
 	if (!r && t->divides == BY_TILES)
-		r = gather_tiles_new(&t->in, 0, &t->tiles, err);
+		r = gather_tiles_new(&t->in, &t->tiles, err);
 	if (!r && t->divides == BY_TILES)
 		any = gather_tiles_share(t->in.border, t->index, t->index + 1 == tasks, t->in.sums.triangles, t->share);
 	if (!r && any)

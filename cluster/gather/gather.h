@@ -42,7 +42,7 @@ int gather_task(const struct gather_params *, uint32_t index, struct err *err);
 int gather_finish(const struct gather_params *, struct err *err);
 /* Before tasks are submitted again: where one has failed, the records of those whose results are not there any more are removed,
  * so that these are made again: the manifest with its file of sources, plans, packs, sums, lists of outputs, and outputs that
- * have no name yet. *ret: how many. A task that runs meanwhile does no harm, but may fail. */
+ * have no name yet. *ret: how many. Tasks may run at the same time; such a task may fail, and is then to be submitted again. */
 int gather_recover(const struct gather_params *, uint32_t *ret, struct err *err);
 /* When no task of the run runs any more: removes what killed attempts left beside the outputs. Lists their folders. */
 int gather_clean(const struct gather_params *, struct err *err);

@@ -35,14 +35,15 @@ struct finish {
 
 /* ---- the parts ---- */
 
-static int read_list(const struct finish *f, const struct work_file *file, uint8_t **ret, size_t *ret_size, struct err *err)
+int gather_list_read(const struct gather_params *p, const struct work_file *file, uint8_t **ret, size_t *ret_size,
+		     struct err *err)
 {
 	uint8_t *bytes = file->size < SIZE_MAX ? malloc(file->size + 1) : NULL;
 	struct digest sum;
 	int fd = -1, r = bytes ? 0 : err_set(err, ERR_NOMEM, "no memory for a list of outputs");
 
 	if (!r)
-		r = work_file_open(f->p->work, file->name, file->size, &fd, err);
+		r = work_file_open(p->work, file->name, file->size, &fd, err);
 	if (!r)
 		r = io_read_at(fd, bytes, file->size, 0, file->name, err);
 	io_close(fd);
@@ -117,7 +118,7 @@ static int join_one(struct finish *f, uint32_t task, struct err *err)
 	if (!r && record->nfile && !part)
 		r = err_set(err, ERR_CORRUPT, "the record of task %u of gather has no part", task);
 	if (!r && record->nfile)
-		r = read_list(f, &record->file[0], &bytes, &size, err);
+		r = gather_list_read(f->p, &record->file[0], &bytes, &size, err);
 	if (bytes)
 		r = outputs_join(f->run, part, bytes, size, err);
 	if (bytes && r)
@@ -174,6 +175,11 @@ static int publish(struct finish *f, struct err *err)
 	while ((r = outputs_publish(f->run, err)) && files && (r == -ERR_GONE || err->sys == ESTALE) && !given_up(f) &&
 	       work_wait(f->p->work, &waited))
 		err_clear(err);
+	/* nothing says that the file is gone: it was not waited for until the end */
+	if (r && f->p->interrupted && f->p->interrupted(f->p->ctx)) {
+		err_clear(err);
+		r = gather_interrupted(f->p, err);
+	}
 	return r;
 }
 

@@ -21,13 +21,34 @@ int gather_interrupted(const struct gather_params *p, struct err *err)
 	return p->interrupted && p->interrupted(p->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
+int gather_input_needs(const struct gather_input *in, uint64_t *ret, struct err *err)
+{
+	const uint64_t held = GATHER_PROCESS + in->held + in->memory, need = held + GATHER_LEAST;
+
+	if (in->p->memory < need) {
+		err->need = need;
+		err_set(err, ERR_LIMIT,
+			"a task has %llu bytes of memory, and needs %llu with %sthe manifest and what is known of packs",
+			(unsigned long long)in->p->memory, (unsigned long long)need, in->memory ? "the largest domain, " : "");
+		return err_add_hint(err, "give tasks more memory (--task-memory)");
+	}
+	*ret = in->p->memory - held;
+	return 0;
+}
+
 static int read_manifest(struct gather_input *in, struct err *err)
 {
+	const uint64_t packs = gather_sum_bytes(in->npacks, work_about(in->p->work)->tasks[WORK_GATHER]);
+	uint64_t left;
 	struct work_record *commit = NULL;
 	int fd = -1, r = work_record_need(in->p->work, WORK_COMMIT, 0, &commit, err);
 
 	if (!r && !commit->nfile)
 		r = err_set(err, ERR_CORRUPT, "the record of the task commit names no manifest");
+	if (!r) {
+		in->held = packs + commit->file[0].size; /* before it is read */
+		r = gather_input_needs(in, &left, err);
+	}
 	/* it is waited for */
 	if (!r)
 		r = work_file_open(in->p->work, commit->file[0].name, commit->file[0].size, &fd, err);
@@ -35,19 +56,26 @@ static int read_manifest(struct gather_input *in, struct err *err)
 	if (!r)
 		r = grid_manifest_load_bare(work_fd(in->p->work), commit->file[0].name, in->ledger, &in->manifest, err);
 	work_record_free(commit);
-	in->held = ledger_held(in->ledger, LEDGER_MANIFEST) +
-		   gather_sum_bytes(in->npacks, work_about(in->p->work)->tasks[WORK_GATHER]);
-	return r;
+	in->held = packs + ledger_held(in->ledger, LEDGER_MANIFEST);
+	return r ? r : gather_input_needs(in, &left, err);
+}
+
+int gather_input_packs(struct gather_input *in, const struct gather_params *p, struct err *err)
+{
+	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH], .sum_fd = -1};
+	in->pack = calloc((size_t)in->npacks + 1, sizeof(*in->pack));
+	return in->pack ? 0 : err_set(err, ERR_NOMEM, "no memory for the names of packs");
 }
 
 int gather_input_begin(struct gather_input *in, const struct gather_params *p, struct err *err)
 {
-	int r;
+	int r = gather_input_packs(in, p, err);
 
-	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH], .sum_fd = -1};
-	in->pack = calloc((size_t)in->npacks + 1, sizeof(*in->pack));
 	in->ledger = ledger_new(INT64_MAX); /* which only counts: all else comes after the manifest */
-	r = in->pack && in->ledger ? read_manifest(in, err) : err_set(err, ERR_NOMEM, "no memory for the names of packs");
+	if (!r && !in->ledger)
+		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
+	if (!r)
+		r = read_manifest(in, err);
 	return r ? r : mesh_plan_about(p->work, &in->plan, err);
 }
 

@@ -46,7 +46,13 @@ struct gather_input {
 	char sum_name[WORK_NAME];
 	int sum_fd;
 };
-/* Reads the manifest and the plan alone. */
+/* Reads nothing: room for what is known of packs. */
+int gather_input_packs(struct gather_input *, const struct gather_params *, struct err *err);
+/* Memory of a task: of the program, and for its own work at least. */
+enum { GATHER_PROCESS = 16 << 20, GATHER_LEAST = 4 << 20 };
+/* *ret: what is left of it for other things. -ERR_LIMIT: too little. */
+int gather_input_needs(const struct gather_input *, uint64_t *ret, struct err *err);
+/* Reads the manifest and the plan alone. -ERR_LIMIT: there is too little memory for the manifest and the packs. */
 int gather_input_begin(struct gather_input *, const struct gather_params *, struct err *err);
 /* The sums, too, with the border of a task's tiles; opens no pack. */
 int gather_input_read(struct gather_input *, const struct gather_params *, uint32_t task, struct err *err);
@@ -60,6 +66,8 @@ void gather_input_done(struct gather_input *);
 uint64_t gather_sum_bytes(uint32_t npacks, uint32_t tasks);
 int gather_sum_read(struct gather_input *, uint32_t task, struct err *err);
 void gather_pack_name(const struct gather_input *, uint32_t i, char ret[WORK_NAME]);
+/* The sums are of the pack that this record of task i of the phase mesh names. */
+bool gather_sum_is_of(const struct gather_input *, uint32_t i, const struct work_record *);
 /* The groups of pack i. */
 int gather_groups(const struct gather_input *, uint32_t i, struct mesh_group ret[MESH_GROUPS], struct err *err);
 
@@ -97,6 +105,9 @@ int gather_check_ply(const struct ctl_fetch_options *, uint64_t vertices, const 
  * need what they have. */
 int gather_sweep(const struct gather_params *, bool finishing, struct err *err);
 void gather_part_name(const struct gather_params *, uint32_t index, uint64_t attempt, char buf[GATHER_PART]);
+
+/* gather_finish.c: the list of what a task of gather has made, for outputs_join, to be freed. -ERR_CORRUPT. */
+int gather_list_read(const struct gather_params *, const struct work_file *, uint8_t **ret, size_t *ret_size, struct err *err);
 
 /* ---- gather_emit.c ---- */
 
@@ -180,8 +191,7 @@ int gather_share_write(const struct gather_input *, struct gather_places *, cons
 /* ---- gather_tiles.c: which tiles are whose ---- */
 
 struct gather_tiles;
-/* `memory`: for codes; sorting them takes as much again. */
-int gather_tiles_new(const struct gather_input *, uint64_t memory, struct gather_tiles **ret, struct err *err);
+int gather_tiles_new(const struct gather_input *, struct gather_tiles **ret, struct err *err);
 int gather_tiles_add(struct gather_tiles *, const struct mesh_group *, struct err *err);
 /* After all groups: refuses more tiles, about, than finish has memory for. */
 int gather_tiles_check(const struct gather_tiles *, struct err *err);

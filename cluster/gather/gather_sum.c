@@ -196,6 +196,16 @@ int gather_sum_read(struct gather_input *in, uint32_t task, struct err *err)
 	return r;
 }
 
+bool gather_sum_is_of(const struct gather_input *in, uint32_t i, const struct work_record *record)
+{
+	char name[WORK_NAME];
+
+	if (!record->nfile || !in->pack[i].attempt)
+		return !record->nfile && !in->pack[i].attempt;
+	gather_pack_name(in, i, name);
+	return !strcmp(name, record->file[0].name) && in->pack[i].size == record->file[0].size;
+}
+
 int gather_groups(const struct gather_input *in, uint32_t i, struct mesh_group ret[MESH_GROUPS], struct err *err)
 {
 	const struct gather_pack *of = &in->pack[i];
@@ -343,7 +353,7 @@ static int sum(struct summing *s, struct err *err)
 	int r = gather_input_begin(&s->in, p, err);
 
 	if (!r && tasks > 1 && gather_divides_tiles(p->outputs))
-		r = gather_tiles_new(&s->in, p->memory / 8, &s->tiles, err);
+		r = gather_tiles_new(&s->in, &s->tiles, err);
 	if (!r)
 		r = work_attempt_file(s->attempt, "", "sum", "", s->in.sum_name, err);
 	if (!r)

@@ -27,7 +27,7 @@ struct gather_tiles {
 };
 
 /* Memory of a tile: in finish, which holds all of them with their names and sorts them; in a part. */
-enum { PROCESS = 16 << 20, JOINED = 400, MADE = 192 };
+enum { JOINED = 400, MADE = 192 };
 
 static uint64_t fit(uint64_t memory, uint64_t each)
 {
@@ -56,19 +56,21 @@ static int lay_out(const struct gather_input *in, struct outputs_grid *ret, stru
 	return r;
 }
 
-int gather_tiles_new(const struct gather_input *in, uint64_t memory, struct gather_tiles **ret, struct err *err)
+/* Codes have an eighth of what is left of the memory; sorting them takes as much again. */
+int gather_tiles_new(const struct gather_input *in, struct gather_tiles **ret, struct err *err)
 {
 	const struct gather_params *p = in->p;
+	const uint64_t used = GATHER_PROCESS + in->held, left = p->memory > used ? p->memory - used : 0;
 	struct gather_tiles *t = calloc(1, sizeof(*t));
 
 	if (!t)
 		return err_set(err, ERR_NOMEM, "no memory for tiles");
-	t->most = memory / sizeof(struct weight) < 1024 ? 1024 : (size_t)(memory / sizeof(struct weight));
+	t->most = left / 8 / sizeof(struct weight) < 1024 ? 1024 : (size_t)(left / 8 / sizeof(struct weight));
 	if (!decimal_parse(p->outputs->tile, &t->side) || t->side.mantissa <= 0) {
 		free(t);
 		return err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", p->outputs->tile);
 	}
-	t->joinable = fit(p->memory > PROCESS ? p->memory - PROCESS : 0, JOINED);
+	t->joinable = fit(left, JOINED);
 	if (lay_out(in, &t->grid, t->side, err)) {
 		free(t);
 		return -(int)err->code;

@@ -141,8 +141,8 @@ int work_record_u64(const struct work_record *, const char *key, uint64_t *ret, 
 
 /* The task is to be done again: removes its record, if there is one. No task that depends on it should run. */
 int work_forget(const struct work *, enum work_phase, uint32_t task, struct err *err);
-/* The same, if a file that the record names is not there any more. *ret: it was forgotten. */
-int work_forget_lost(const struct work *, enum work_phase, uint32_t task, bool *ret, struct err *err);
+/* A file that the record names is not there any more, or has another size. */
+bool work_record_lost(const struct work *, const struct work_record *);
 
 /* The last failure of a task that has no record; how many there were. */
 struct work_failure {
@@ -153,6 +153,9 @@ struct work_failure {
 };
 /* WORK_E_ABSENT: none is recorded. */
 int work_failure_look(const struct work *, enum work_phase, uint32_t task, struct work_failure *ret, struct err *err);
+
+/* Nobody needs to know of it any more. */
+int work_failure_forget(const struct work *, enum work_phase, uint32_t task, struct err *err);
 
 /* ---- the run ---- */
 

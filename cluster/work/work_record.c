@@ -142,19 +142,19 @@ int work_forget(const struct work *w, enum work_phase phase, uint32_t task, stru
 	return io_remove(w->fd, name, err);
 }
 
-int work_forget_lost(const struct work *w, enum work_phase phase, uint32_t task, bool *ret, struct err *err)
+bool work_record_lost(const struct work *w, const struct work_record *record)
 {
-	struct work_record *record = NULL;
-	struct stat st;
-	int r = work_record_look(w, phase, task, &record, err);
+	bool lost = false;
 
-	*ret = false;
-	if (r)
-		return r == WORK_E_ABSENT ? 0 : r;
-	for (size_t i = 0; i < record->nfile && !*ret; i++)
-		*ret = io->fstatat(w->fd, record->file[i].name, &st, AT_SYMLINK_NOFOLLOW) < 0 && errno == ENOENT;
-	work_record_free(record);
-	return *ret ? work_forget(w, phase, task, err) : 0;
+	for (size_t i = 0; i < record->nfile && !lost; i++) {
+		struct stat st;
+
+		if (io->fstatat(w->fd, record->file[i].name, &st, 0) < 0)
+			lost = errno == ENOENT;
+		else
+			lost = (uint64_t)st.st_size != record->file[i].size;
+	}
+	return lost;
 }
 
 int work_failure_look(const struct work *w, enum work_phase phase, uint32_t task, struct work_failure *ret, struct err *err)
@@ -182,4 +182,12 @@ int work_failure_look(const struct work *w, enum work_phase phase, uint32_t task
 	}
 	free(in.text);
 	return 0;
+}
+
+int work_failure_forget(const struct work *w, enum work_phase phase, uint32_t task, struct err *err)
+{
+	char name[NAME];
+
+	snprintf(name, sizeof name, "failed/%s-%" PRIu32, work_phase_text(phase), task);
+	return io_remove(w->fd, name, err);
 }

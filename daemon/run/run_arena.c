@@ -89,8 +89,7 @@ void run_arena_settle(struct run_domain *d)
 	}
 }
 
-/* Others lack memory, or may soon. */
-static bool is_scarce(const struct run *w)
+bool run_arena_is_scarce(const struct run *w)
 {
 	return sched_starved(w->runs->core->p.sched) || admission_user_limit(w->runs->admission, &w->owner) != UINT64_MAX;
 }
@@ -105,7 +104,7 @@ bool run_arena_passes(const struct run_domain *d)
 	const struct run *w = d->run;
 
 	return has_reader(w) && d->huge && d->memory && d->size == arena_bytes(w) && w->next_start < run_reach(w) &&
-	       !is_scarce(w);
+	       !run_arena_is_scarce(w);
 }
 
 bool run_arena_inherit(struct run_domain *d)
@@ -132,8 +131,7 @@ void run_arena_leave(struct run_domain *d)
 	run_arena_put(d);
 }
 
-/* What is behind the results of domains that wait for their reader. */
-static void trim_results(struct run *w)
+void run_arenas_trim_results(struct run *w)
 {
 	for (struct run_domain *d = w->domains; d; d = d->next)
 		if (d->state == DOMAIN_READY || d->state == DOMAIN_SENDING)
@@ -147,7 +145,7 @@ static unsigned arenas_most(const struct run *w)
 	unsigned making = 0;
 
 	if (!w->sums_only)
-		return has_reader(w) && w->next_start < run_reach(w) && !is_scarce(w) ? w->budget.threads + 1 : 0;
+		return has_reader(w) && w->next_start < run_reach(w) && !run_arena_is_scarce(w) ? w->budget.threads + 1 : 0;
 	for (d = w->domains; d; d = d->next)
 		making += d->state == DOMAIN_MAKING;
 	return making < w->budget.threads ? making : w->budget.threads;
@@ -158,8 +156,8 @@ void run_arenas_trim(struct run *w)
 	struct run_domain one = {.run = w};
 	unsigned most = arenas_most(w);
 
-	if (has_reader(w) && is_scarce(w))
-		trim_results(w);
+	if (has_reader(w) && run_arena_is_scarce(w))
+		run_arenas_trim_results(w);
 	while ((w->arenas.owned > most || sched_starved(w->runs->core->p.sched)) && run_arena_take(&one)) {
 		munmap(one.memory, one.size);
 		w->arenas.owned--;

@@ -20,6 +20,8 @@
 
 /* An arena that passes to other domains (run_arena.c) fills its huge pages if they have that many positions ... */
 uint64_t run_huge_count = 1 << 15;
+/* ... one that does not, with that many ... */
+#define HUGE_COUNT ((uint64_t)1 << 17)
 /* ... and one for sums alone with that load, or if this many domains use it in turn. */
 #define HUGE_LOAD ((uint32_t)1 << 17)
 #define HUGE_DOMAINS 64
@@ -179,7 +181,7 @@ static void make_submit(struct run_domain *d, enum sched_priority priority, bool
 	if (w->sums_only)
 		d->huge = w->budget.load >= HUGE_LOAD || w->plan_n > w->stored_leaves.leaves + HUGE_DOMAINS;
 	else
-		d->huge = d->count >= run_huge_count;
+		d->huge = d->count >= (run_arena_is_scarce(w) ? HUGE_COUNT : run_huge_count);
 	if (w->sums_only)
 		bytes = run_arena_ask(d, own);
 	else

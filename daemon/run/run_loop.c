@@ -120,10 +120,16 @@ static bool window_is_open(const struct run *w)
 	return making < w->budget.threads && taken + each <= (w->budget.threads + 1) * each;
 }
 
-bool run_must_store(const struct run *w)
+bool run_must_store(struct run *w)
 {
 	/* Domains in memory would keep a slot from others as long as a reader takes nothing. */
-	return w->keep || slots_requested(w->runs->admission) || (w->next_start < run_reach(w) && !window_is_open(w));
+	if (w->keep || slots_requested(w->runs->admission))
+		return true;
+	if (w->next_start >= run_reach(w) || window_is_open(w))
+		return false;
+	/* Arenas that pass to other domains count as a whole. */
+	run_arenas_trim_results(w);
+	return !window_is_open(w);
 }
 
 /* It has begun, or there is nothing to make. */

@@ -234,8 +234,9 @@ static bool can_spool(const struct run *w)
 
 void run_output_tick(struct run *w)
 {
-	if (can_spool(w) && run_must_store(w) &&
-	    (w->output->calls->stalled(w->output) > RUN_STALL_SECONDS || clock_since(w->sending_ns) > SLOWEST_SECONDS))
+	if (can_spool(w) &&
+	    (w->output->calls->stalled(w->output) > RUN_STALL_SECONDS || clock_since(w->sending_ns) > SLOWEST_SECONDS) &&
+	    run_must_store(w))
 		output_submit(w, spool_run, 0);
 }
 

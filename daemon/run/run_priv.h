@@ -280,9 +280,10 @@ void run_over(struct run *);
 void run_close(struct run *); /* releases all that a run without a slot may not hold */
 
 /* run_loop.c */
-bool run_backlog(const struct run *);    /* its reader is slow: domains go to the store */
-bool run_stalled(const struct run *);    /* it waits for its reader only */
-bool run_must_store(const struct run *); /* what waits for a slow reader has to be written to a file */
+bool run_backlog(const struct run *); /* its reader is slow: domains go to the store */
+bool run_stalled(const struct run *); /* it waits for its reader only */
+/* What waits for a slow reader has to be written to a file. First unmaps what no result needs. */
+bool run_must_store(struct run *);
 /* Others lack memory: releases what it can. Not urgent: unless memory comes back soon anyway. */
 void run_relieve(struct run *, bool urgent);
 
@@ -337,9 +338,11 @@ void run_domain_trim(struct run_domain *, size_t held);   /* keeps the first `he
 void run_domain_unmap(struct run_domain *);
 
 /* run_arena.c. Loop: of a run whose triangles are read */
+bool run_arena_is_scarce(const struct run *);     /* others lack memory, or may soon: no arena passes */
 bool run_arena_passes(const struct run_domain *); /* its memory goes to the next domain as a whole, so it is not trimmed */
 bool run_arena_inherit(struct run_domain *);      /* before it is submitted; false: its task takes the memory */
 void run_arena_leave(struct run_domain *);        /* its memory becomes a free arena, or is unmapped */
+void run_arenas_trim_results(struct run *);       /* unmaps what is behind the results of domains that wait for their reader */
 /* Of a run with `sums_only` */
 bool run_arena_take(struct run_domain *); /* worker; false: none is free */
 void run_arena_put(struct run_domain *);  /* worker: its memory becomes a free arena */

@@ -45,7 +45,8 @@ struct regular {
 	/* Called every few milliseconds; non-zero cancels (-ERR_CANCELLED). May be NULL. */
 	int (*progress)(void *ctx);
 	void *progress_ctx;
-	uint32_t few; /* for tests: edges of a batch, and discs, at most, and four points more; 0: as there is room */
+	/* for tests: how many edges a batch can have, and how many discs; points can be four more. 0: the room is the limit */
+	uint32_t few;
 	/* for tests: P(B) alone; only what is in the region and on its borders is verified; the trace stays that of P(B) */
 	bool not_verified, no_hull, less_trace;
 	/* results, for finish.h */

@@ -3,7 +3,8 @@
  * triangle that is not settled has three corners with keys. All mesh triangles around such a corner have their corners in the
  * strip. No chosen point is in their circles, and so none of the strip: they are triangles of the strip, too, and there are no
  * others around the corner. So a triangle of the strip is in the mesh if it has a corner with a key, and is settled if it has one
- * without. Others may be where all is settled, and are not in the mesh.
+ * without, too. A triangle of the strip without a corner with a key need not be in the mesh. There the mesh has settled triangles
+ * only, so nothing is to be tested.
  *
  * Vertices in the region's box are looked up together, in the order of keys. Of another one it is usually not known: a triangle
  * with a corner of each kind is in the mesh, and tested again at worst.

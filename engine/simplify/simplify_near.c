@@ -69,7 +69,7 @@ static int read_marked(struct simplify_near *w, const int32_t box[4], struct err
 static int read_box(struct simplify_near *w, struct err *err)
 {
 	w->point = tri_input(w->memory);
-	w->room = CAP;
+	w->room = w->cap;
 	simplify_raster_init(&w->c->raster, w->limit, SQUARES);
 	simplify_raster_square(&w->c->raster, w->limit);
 	memcpy(w->box, w->limit, sizeof w->box);
@@ -87,7 +87,8 @@ static void box_of(const struct simplify_near *w, const struct simplify_circle *
 	}
 }
 
-/* Reads the points in new discs, within the limit, and adds them to the triangulation. Keeps those discs that are within it. */
+/* Reads the points in new discs, within the limit, and adds them to the triangulation. Keeps those discs that are within it. If
+ * not all of the points fit, the triangulation is that of some, which is of no use. */
 static int read_discs(struct simplify_near *w, struct err *err)
 {
 	int32_t all[4], box[4];
@@ -107,16 +108,19 @@ static int read_discs(struct simplify_near *w, struct err *err)
 		simplify_raster_square(&w->c->raster, box);
 	}
 	w->point = (struct mesh_vertex *)(void *)(w->kind + CAP);
-	w->room = CAP;
+	w->room = w->cap;
 	r = read_marked(w, all, err);
 	if (r || w->full)
 		return r;
-	w->full = tri_add(w->memory, w->point, w->n, false) != 0;
+	if (tri_add(w->memory, w->point, w->n, false)) {
+		w->full = true;
+		w->begun = false;
+		return 0;
+	}
 	for (uint32_t i = w->nseen; i < w->ndisc; i++)
 		if (simplify_circle_within(&w->disc[i], w->limit))
 			w->disc[n++] = w->disc[i];
 	w->nseen = w->ndisc = n;
-	tri_result(w->memory, &w->tri);
 	return 0;
 }
 
@@ -155,7 +159,10 @@ static void want(struct simplify_near *w, const struct simplify_circle *c)
 		w->disc[w->ndisc++] = (struct simplify_circle){c->x, c->y, c->r + 1};
 }
 
-/* A disc that has, of what is within the limit, all beyond the side of the hull from a to b (outside on its left). */
+/* A disc that has what is within the limit beyond the side of the hull from a to b (outside on its left). A disc is not a half
+ * plane: if width and height of the limit are together more than 2^21 times the length of the side, it may lack points near the
+ * line through a and b. That does no harm. The disc only says what to read; it is never within the limit, so a ghost is never
+ * known, and its corners are doubtful as long as they are corners of the hull. */
 static struct simplify_circle beyond(const struct simplify_near *w, const int32_t a[2], const int32_t b[2])
 {
 	double x = (double)b[0] - a[0], y = (double)b[1] - a[1], length = sqrt(x * x + y * y),
@@ -218,14 +225,12 @@ static void set_limit(struct simplify_near *w, const int32_t stars[4], double by
 		w->limit[k] = clamp(stars[k] + (k < 2 ? -by : by));
 }
 
-/* *ret_done: there is a triangulation. */
-static int run(struct simplify_near *w, bool *ret_done, struct err *err)
+static int run(struct simplify_near *w, struct err *err)
 {
 	double by = w->side / MARGIN;
 	int32_t stars[4];
 	int r = 0;
 
-	*ret_done = false;
 	stars_box(w, stars);
 	for (unsigned i = 0; !r && i < TIMES && (!w->begun || w->ndisc > w->nseen); i++, by *= 2) {
 		set_limit(w, stars, by);
@@ -234,7 +239,7 @@ static int run(struct simplify_near *w, bool *ret_done, struct err *err)
 			break;
 		if (!w->begun && tri_run(w->memory, w->n))
 			continue;
-		w->begun = *ret_done = true;
+		w->begun = true;
 		tri_result(w->memory, &w->tri);
 		find_stars(w, stars);
 		find_doubtful(w);
@@ -253,10 +258,13 @@ int simplify_near(struct simplify_near *w, bool *ret_done, struct err *err)
 	w->sink.ctx = w;
 	w->sink.point = add_point;
 	w->kind = (uint8_t *)w->c->list;
-	w->memory = tri_init(w->c->domain + align_line(grid_reader_bytes(grid)), CAP);
+	w->cap = w->c->s->near ? w->c->s->near : CAP;
+	memset(w->kind, w->c->s->fill, CAP);
+	w->memory = tri_init(w->c->domain + align_line(grid_reader_bytes(grid)), w->cap);
 	w->begun = w->full = false;
 	w->nseen = w->ndisc = w->nread = 0;
-	r = run(w, ret_done, err);
+	r = run(w, err);
+	*ret_done = w->begun;
 	grid_reader_free(w->reader);
 	return r;
 }

@@ -24,8 +24,8 @@ struct simplify_near {
 	struct tri *memory;
 	struct simplify_sink sink;
 	struct mesh_vertex *point;
-	uint32_t n, room, nread;
-	bool begun;            /* there is a triangulation */
+	uint32_t n, room, cap, nread;
+	bool begun;            /* there is a triangulation, of all points that were read, and its vertices have kinds */
 	bool full;             /* too many points, or pieces */
 	int32_t limit[4];      /* points beyond are not read this time */
 	int32_t box[4];        /* all points in it were read, */

@@ -116,7 +116,7 @@ static void run_block(struct part *w, const struct simplify_raster *pieces, cons
 		w->key[g.hull[i]] = SIMPLIFY_SEED_HULL;
 	for (uint32_t i = 0; i < w->n; i++)
 		if (w->pts[i].tag & POINT_LINE)
-			w->key[i] = SIMPLIFY_SEED_LINE;
+			w->key[i] = w->key[i] == SIMPLIFY_SEED_HULL ? SIMPLIFY_SEED_LINE_HULL : SIMPLIFY_SEED_LINE;
 	join_found(&w->found, &g.found);
 }
 

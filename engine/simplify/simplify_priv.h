@@ -52,9 +52,10 @@ struct simplify {
 				(simplify_calm.c) */
 	atomic_uchar *done;  /* of each task */
 	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
-	 * 0: SIMPLIFY_SEGMENTS; triangles around the stars of a window; positions of a region with those that it adds. 0: as many
-	 * as fit. */
-	uint32_t load, block, segments, room, grow;
+	 * 0: SIMPLIFY_SEGMENTS; triangles around the stars of a window; positions of a region with those that it adds; points
+	 * from which triangles nearby are found. 0: as many as fit. */
+	uint32_t load, block, segments, room, grow, near;
+	uint8_t fill; /* for tests: what the memory of the kinds of vertices has at first (simplify_near.c) */
 	/* For tests: how many points regions added around which no later round tests; rounds that tested all regions again; all
 	 * points that regions add count as such, which is wrong. */
 	atomic_uint *settled, *again;
@@ -101,9 +102,10 @@ struct simplify_seed {
 	struct point p;
 	uint64_t key; /* as of struct simplify_pick, or one of: */
 };
-#define SIMPLIFY_SEED_LINE UINT64_MAX       /* a vertex of a line */
-#define SIMPLIFY_SEED_HULL (UINT64_MAX - 1) /* a corner of the block's hull */
-#define SIMPLIFY_SEED_FLAT (UINT64_MAX - 2) /* a point of a flat view */
+#define SIMPLIFY_SEED_LINE UINT64_MAX            /* a vertex of a line */
+#define SIMPLIFY_SEED_LINE_HULL (UINT64_MAX - 1) /* one that is a corner of the block's hull */
+#define SIMPLIFY_SEED_HULL (UINT64_MAX - 2)      /* another corner of the block's hull */
+#define SIMPLIFY_SEED_FLAT (UINT64_MAX - 3)      /* a point of a flat view; the least of these */
 /* In a key of struct simplify_pick: the point is a SIMPLIFY_EDGE, or SIMPLIFY_RING. So are vertices of lines and corners. */
 #define SIMPLIFY_SEED_EDGE (UINT64_C(1) << 62)
 #define SIMPLIFY_SEED_RING (UINT64_C(1) << 61)

@@ -123,11 +123,11 @@ static int hull_seed(void *ctx, const struct simplify_seed *seed, struct err *er
 	struct hull *h = ctx;
 	char need[32];
 
-	if (seed->key == SIMPLIFY_SEED_LINE)
+	if (seed->key == SIMPLIFY_SEED_LINE || seed->key == SIMPLIFY_SEED_LINE_HULL)
 		h->lines++;
 	if (seed->key < SIMPLIFY_SEED_FLAT && h->count)
 		h->histogram[bucket_of((seed->key >> SIMPLIFY_KEY_SHIFT) + ((seed->key & 65535) != 0))]++;
-	if (seed->key != SIMPLIFY_SEED_HULL)
+	if (seed->key != SIMPLIFY_SEED_HULL && seed->key != SIMPLIFY_SEED_LINE_HULL)
 		return 0;
 	if (h->n == h->room)
 		reduce(h);
@@ -141,7 +141,7 @@ static int hull_seed(void *ctx, const struct simplify_seed *seed, struct err *er
 	return 0;
 }
 
-/* Corners that are vertices of lines are chosen as these. */
+/* Corners that are vertices of lines are chosen already, as these. They are needed to find the others. */
 static int write_hull(const struct simplify *s, struct hull *h, uint64_t *ret_n, struct err *err)
 {
 	int r = simplify_out_begin(&h->out, s->p.dirfd, "hull", sizeof *h->pts, err);

@@ -122,12 +122,12 @@ static bool take_certain(struct stars *w, const struct simplify_near *near)
 	return true;
 }
 
-/* Leaves the stars that were not certain. */
+/* Leaves the stars that were not certain. A vertex is one of the stars only if its position is, so there are no more of them. */
 static void drop_certain(struct stars *w, const struct simplify_near *near)
 {
 	size_t n = 0;
 
-	for (uint32_t i = 0; i < near->tri.nvertex; i++)
+	for (uint32_t i = 0; i < near->tri.nvertex && n < w->nkey; i++)
 		if (near->kind[i] == (SIMPLIFY_STAR | SIMPLIFY_DOUBTFUL))
 			w->key[n++] = point_morton(near->tri.xy[i][0], near->tri.xy[i][1]);
 	qsort(w->key, n, sizeof *w->key, order_u64);

@@ -50,14 +50,15 @@ OLD_JOBS = {1, 2, 3, 4}  # of the older state
 
 
 def older_program():
-    """The build folder of the older revision, or None. It is the oldest one that reads all files of this one."""
+    """The build folder of the older revision, or None. It is the oldest one that reads all files of this one: the last change of a
+    version on the way of first parents. Behind it no version changes, which is not so of the last change by date, on any branch."""
     wish = os.environ.get("ACUT_NIGHTS_OLD")
     if not wish:
         return None
     if wish != "1":
         return wish
     git = ["git", "-C", os.path.join(HERE, "..", "..")]
-    older = subprocess.run([*git, "log", "-1", "--format=%h", *FORMATS], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    older = subprocess.run([*git, "log", "-1", "--first-parent", "-m", "--format=%h", *FORMATS], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     name = older.stdout.decode().strip()
     archive = subprocess.run([*git, "archive", name], stdout=subprocess.PIPE, stderr=subprocess.PIPE) if name else older
     if not name or archive.returncode:

@@ -15,6 +15,7 @@ enum { THREADS = 2, POINTS = 400000 };
 static struct {
 	atomic_uint asked, own, put, bare;
 	unsigned made, passed; /* with a reader: domains submitted; those that got the arena of another one */
+	unsigned huge, stored; /* those in huge pages; those that wait for the reader in files */
 	atomic_bool want;      /* from the first returned arena on, somebody else lacks memory */
 	struct sched_task hungry;
 	atomic_uint fed, fed_at; /* it has its memory; and how many had been asked for then */
@@ -88,9 +89,19 @@ bool __wrap_run_arena_inherit(struct run_domain *d)
 	seen.asked++;
 	seen.made++;
 	seen.passed += is;
+	seen.huge += d->huge;
 	if (is)
 		be_hungry();
 	return is;
+}
+
+void __real_run_domain_store(struct run_domain *d);
+void __wrap_run_domain_store(struct run_domain *d);
+
+void __wrap_run_domain_store(struct run_domain *d)
+{
+	seen.stored++;
+	__real_run_domain_store(d);
 }
 
 struct run *__real_run_free(struct run *w);
@@ -250,6 +261,71 @@ static void passed_on(void **state)
 	}
 }
 
+/* Of a user who may not have all memory, no arena passes to another domain, and small domains have small pages. */
+static void limited(void **state)
+{
+	static struct reader r;
+	struct dataset *d;
+	struct job *job;
+
+	(void)state;
+	h.service->core->p.limits.user.memory = 90;
+	run_huge_count = 0;
+	r = (struct reader){.output.calls = &reader_calls};
+	d = push("", POINTS, 1);
+	job = submit(d, true, VIEW);
+	job_fetch(job, &r.output);
+	turn_until(r.ends);
+	assert_false(r.failed);
+	assert_true(seen.made > 4 * THREADS);
+	assert_int_equal(seen.passed, 0);
+	assert_int_equal(seen.huge, 0);
+	job_leave(job);
+	turn_until(!service_active(h.service));
+	dataset_release(d);
+}
+
+/* Of 16 domains the twelfth is being sent, three wait, and with the last one they fill the window. */
+enum { SLOW_FROM = 12 };
+
+static void send_some(struct run_output *o)
+{
+	struct reader *r = (struct reader *)o;
+
+	r->slow = r->blocks == SLOW_FROM;
+	r_send(o);
+}
+
+/* Results that wait for a slow reader have their arenas, which fill the window. Without what is behind the results there is room
+ * for all, so none goes to a file. */
+static void waits_in_memory(void **state)
+{
+	static struct reader r;
+	static struct run_output_calls calls_of;
+	struct dataset *d;
+	struct job *job;
+
+	(void)state;
+	run_huge_count = 0;
+	calls_of = reader_calls;
+	calls_of.send = send_some;
+	r = (struct reader){.output.calls = &calls_of};
+	d = push("", POINTS / 2, 1);
+	job = submit(d, true, VIEW);
+	job_fetch(job, &r.output);
+	turn_until(r.sending);
+	turn_until(clock_since(r.sending_ns) > 3 * RUN_STALL_SECONDS);
+	assert_int_equal(seen.made, 16);
+	assert_int_equal(seen.stored, 0);
+	assert_int_equal(r.spools, 0);
+	read_on(&r);
+	turn_until(r.ends);
+	assert_false(r.failed);
+	job_leave(job);
+	turn_until(!service_active(h.service));
+	dataset_release(d);
+}
+
 /* The reader is slow after some blocks, and leaves. */
 static void left(void **state)
 {
@@ -280,8 +356,8 @@ static void left(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {TEST(go_round),        TEST(given_up),  TEST(stopped),
-					   TEST(split_or_failed), TEST(passed_on), TEST(left)};
+	const struct CMUnitTest tests[] = {TEST(go_round),  TEST(given_up), TEST(stopped), TEST(split_or_failed),
+					   TEST(passed_on), TEST(left),     TEST(limited), TEST(waits_in_memory)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

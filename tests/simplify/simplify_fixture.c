@@ -78,6 +78,8 @@ static void set_limits(struct simplify *s, const struct how *how)
 	s->segments = how->segments;
 	s->room = how->room;
 	s->grow = how->grow;
+	s->near = how->near;
+	s->fill = how->fill;
 	s->inward = how->inward;
 	s->loose = how->loose;
 	s->nearby = &fixture_nearby;

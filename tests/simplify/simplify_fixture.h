@@ -34,14 +34,15 @@ void dataset_end(struct dataset *);
 struct how {
 	int64_t max_error;
 	uint64_t max_points;
-	size_t more;                                /* memory beyond the least */
-	uint32_t load, block, segments, room, grow; /* for struct simplify; 0: as usual */
-	bool shuffle;                               /* tasks in any order */
-	unsigned stop;                              /* it is freed and opened again with this chance in a hundred */
-	unsigned threads;                           /* that do tasks; 0: one */
-	bool inward;                                /* all points that regions add count as theirs alone: wrong */
-	bool loose;                                 /* all triangles of blocks count as settled: wrong */
-	bool no_rounds;                             /* ends with the seeds: `folder` then has the grid of these only */
+	size_t more;                                      /* memory beyond the least */
+	uint32_t load, block, segments, room, grow, near; /* for struct simplify; 0: as usual */
+	uint8_t fill;                                     /* what memory has at first, for struct simplify */
+	bool shuffle;                                     /* tasks in any order */
+	unsigned stop;                                    /* it is freed and opened again with this chance in a hundred */
+	unsigned threads;                                 /* that do tasks; 0: one */
+	bool inward;                                      /* all points that regions add count as theirs alone: wrong */
+	bool loose;                                       /* all triangles of blocks count as settled: wrong */
+	bool no_rounds;                                   /* ends with the seeds: `folder` then has the grid of these only */
 };
 /* Of all that were made: points that were added around which no later round tests; rounds that tested all regions again. */
 extern atomic_uint fixture_settled, fixture_again;

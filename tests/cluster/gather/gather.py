@@ -337,7 +337,8 @@ def manifest_counts():
             os.link(file, given)
             work = Work(folder, [given], gathers=1, meshes=1, stages=1)
             got = run([PHASES, "gather", work.first, 0, "-o", os.path.join(base, "x.ply")], env=dict(ENV, PHASES_MEMORY="1000000"))
-            expect(got.status and "manifest" in got.err, got.err)
+            expect(got.status and "manifest" in got.err and "--task-memory" in got.err, got.err)
+            expect(not os.path.exists(os.path.join(work.first, "done", "sum-0")), "sum did not ask for memory")
             needs.append(int(got.err.split("needs ")[1].split()[0]))
             sizes.append(os.path.getsize(os.path.join(work.first, "dataset", "manifest")))
         expect(sizes[1] > sizes[0] + 2000, str(sizes))
@@ -429,6 +430,131 @@ def recovered():
             expect(hashes(out) == hashes(fresh), "%s: another output" % kind)
             for folder in (path, out, fresh):
                 shutil.rmtree(folder)
+
+
+def packs_named_again():
+    """The sums never stay with the name of a pack that is made again under another one."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=2)
+        for kind in ("between", "interrupted", "late", "truncated"):
+            out = os.path.join(base, "out")
+            os.mkdir(out)
+            words = ["-o", os.path.join(out, "x.ply")]
+            path = work.fresh()
+            done = os.path.join(path, "done")
+            phases("gather", path, 0, *words).ok()
+            os.unlink(os.path.join(done, "gather-0"))
+            with open(os.path.join(done, "sum-0"), "rb") as f:
+                sums = f.read()
+            pack = next(os.path.join(path, "mesh", n) for n in os.listdir(os.path.join(path, "mesh")) if n.startswith("pack-1-"))
+            if kind == "truncated":
+                os.truncate(pack, os.path.getsize(pack) - 1)
+            else:
+                os.unlink(pack)
+            expect(phases("gather", path, 0, *words).status, "nothing was missed")
+            if kind == "between":
+                # As a resume leaves it that ends early, with sums from before.
+                os.unlink(os.path.join(done, "mesh-1"))
+                expect(forgotten(path, *words) == 1 and not os.path.exists(os.path.join(done, "sum-0")), "the sums stay without a pack")
+            elif kind == "interrupted":
+                got = run([PHASES, "recover", path, *words], env=dict(ENV, PHASES_REMOVES="1"))
+                expect(got.status and "mesh-1" in got.err, "%d %s" % (got.status, got.err))
+                expect(not os.path.exists(os.path.join(done, "sum-0")), "the sums stay")
+                expect(forgotten(path, *words) == 1 and not os.path.exists(os.path.join(done, "mesh-1")), "the pack is not made again")
+            else:
+                expect(forgotten(path, *words) == 2, "the sums and a pack are not made again: %s" % kind)
+            phases("mesh", path, 1).ok()
+            if kind == "late":
+                with open(os.path.join(done, "sum-0"), "wb") as f:
+                    f.write(sums)
+                got = phases("gather", path, 0, *words)
+                expect(got.status and "pack-1-" in got.err, "%d %s" % (got.status, got.err))
+                expect(forgotten(path, *words) == 1 and os.path.exists(os.path.join(done, "mesh-1")), "late sums stay")
+            phases("gather", path, 0, *words).ok()
+            phases("gather", path, 1, *words).ok()
+            expect(forgotten(path, *words) == 0, "sums that are good were removed")
+            phases("finish", path, *words).ok()
+            fresh = os.path.join(base, "want")
+            os.mkdir(fresh)
+            work.write("-o", os.path.join(fresh, "x.ply"))
+            expect(hashes(out) == hashes(fresh), "%s: another output" % kind)
+            for folder in (path, out, fresh):
+                shutil.rmtree(folder)
+
+
+def parts_of(out):
+    return sorted(n for n in os.listdir(out) if n.startswith("."))
+
+
+def lose_held(out, wanted=""):
+    for name in parts_of(out):
+        full = os.path.join(out, name)
+        if os.path.isdir(full):
+            inner = sorted(os.listdir(full))
+            expect(len(inner) > 1, "one tile alone")
+            os.unlink(os.path.join(full, inner[-1]))
+        elif wanted in name:
+            os.unlink(full)
+
+
+def forgotten_once():
+    """That an output is gone is mended once, also if resume is called again before finish runs."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=2)
+        for words in ([], ["--tile", "15"]):
+            out = os.path.join(base, "out%d" % len(words))
+            os.mkdir(out)
+            words = ["-o", out if words else os.path.join(out, "x.ply"), *words]
+            path = work.fresh()
+            for i in range(2):
+                phases("gather", path, i, *words).ok()
+            lose_held(out)
+            expect(phases("finish", path, *words).status, "nothing was missed")
+            expect(forgotten(path, *words) == 2, "the parts are not made again")
+            phases("gather", path, 0, *words).ok()
+            expect(forgotten(path, *words) == 0, "what was made again is made once more")
+            phases("gather", path, 1, *words).ok()
+            expect(forgotten(path, *words) == 0, "what was made again is made once more")
+            phases("finish", path, *words).ok()
+
+
+def some_named():
+    """Finish was interrupted, or missed an output, when others had their names; with --no-clobber these are in nobody's way."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=2)
+        for k, more in enumerate(([], ["--no-clobber"], ["--no-clobber", "--canonical"], ["--no-clobber", "--tile", "15"])):
+            out, fresh = os.path.join(base, "out%d" % k), os.path.join(base, "want%d" % k)
+            os.mkdir(out)
+            os.mkdir(fresh)
+            tiled = "--tile" in more
+            words = ["-o", out, *more] if tiled else ["-o", os.path.join(out, "x.ply"), *more, "-o", os.path.join(out, "y.ply")]
+            path = work.fresh()
+            for i in range(2):
+                phases("gather", path, i, *words).ok()
+            if tiled:
+                # as a finish leaves it that was killed when it had moved one tile
+                part = os.path.join(out, parts_of(out)[0])
+                os.rename(os.path.join(part, sorted(os.listdir(part))[0]), os.path.join(out, sorted(os.listdir(part))[0]))
+            lose_held(out, "y.ply")
+            if not tiled:
+                p = subprocess.Popen([PHASES, "finish", path, *words], env=dict(ENV, ACUT_CLUSTER_PATIENCE="60"), stderr=subprocess.PIPE)
+                while not os.path.exists(os.path.join(out, "x.ply")) and p.poll() is None:
+                    time.sleep(0.01)
+                p.terminate()
+                err = p.communicate()[1].decode()
+                expect(p.returncode and "interrupted" in err, "%d %s" % (p.returncode, err))
+                expect(not os.path.exists(os.path.join(path, "failed", "finish-0")), "an interruption was recorded as a failure")
+            got = phases("finish", path, *words)
+            expect(got.status and "not there any more" in got.err, "%d %s" % (got.status, got.err))
+            expect(forgotten(path, *words) > 0, "nothing is made again")
+            for i in range(2):
+                phases("gather", path, i, *words).ok()
+            phases("finish", path, *words).ok()
+            work.write(*[w.replace(out, fresh) for w in words])
+            expect(hashes(out) == hashes(fresh), "%s: other outputs" % more)
+            expect(not parts_of(out), str(parts_of(out)))
+            got = phases("gather", work.fresh(), 0, *words)
+            expect((got.status != 0) == ("--no-clobber" in more), "%d %s" % (got.status, got.err))
 
 
 def dataset_is_gone():
@@ -585,6 +711,6 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format, by_all_tasks], "tiles": [tiles],
-          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, dataset_is_gone, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, packs_named_again, forgotten_once, some_named, dataset_is_gone, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
                     adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))

@@ -10,8 +10,11 @@
  *   phases check POINTS OPTIONS   whether so many points can be written
  *
  * OPTIONS are those of acutctl mesh that outputs have. PHASES_MEMORY in the environment: bytes, in place of those of the run.
- * PHASES_BLOCK: bytes of a file that one task writes alone.
+ * PHASES_BLOCK: bytes of a file that one task writes alone. PHASES_REMOVES: how many files are removed before removing fails.
+ * SIGTERM interrupts a task.
  */
+#include <errno.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,6 +28,29 @@
 #include "parse.h"
 #include "survey.h"
 #include "work.h"
+
+static long left;
+static volatile sig_atomic_t told;
+
+static void tell(int signal)
+{
+	(void)signal;
+	told = 1;
+}
+
+static int interrupted(void *ctx)
+{
+	(void)ctx;
+	return told;
+}
+
+static int remove_some(int fd, const char *name, int flags)
+{
+	if (left-- > 0)
+		return io_system.unlinkat(fd, name, flags);
+	errno = EIO;
+	return -1;
+}
 
 static int failed(const struct err *err)
 {
@@ -154,7 +180,7 @@ static int late(const char *phase, int argc, char **argv)
 {
 	bool one = !strcmp(phase, "gather");
 	struct ctl_fetch_options options = {.tile = NULL};
-	struct gather_params p = {.outputs = &options};
+	struct gather_params p = {.outputs = &options, .interrupted = interrupted};
 	struct err err = ERR_INIT;
 	struct work *work = NULL;
 	uint32_t again = 0;
@@ -225,7 +251,13 @@ static int check_sum(void)
 
 int main(int argc, char **argv)
 {
-	no_sync();
+	struct io_table *table = no_sync();
+
+	signal(SIGTERM, tell);
+	if (getenv("PHASES_REMOVES")) {
+		left = strtol(getenv("PHASES_REMOVES"), NULL, 10);
+		table->unlinkat = remove_some;
+	}
 	if (argc > 2 && !strcmp(argv[1], "make"))
 		return make(argc - 2, argv + 2);
 	if (argc > 2 && (!strcmp(argv[1], "gather") || !strcmp(argv[1], "finish") || !strcmp(argv[1], "clean") ||
