@@ -12,6 +12,14 @@ from tables import SOURCE, compare, find, read, wrong
 ACUTCTL = os.environ["ACUTCTL"]
 
 
+def shared(text):
+    """The members that the row takes from a macro of a header beside it."""
+    if "FORMAT_LINES_ROW" not in text:
+        return {}
+    macro = find("FORMAT_LINES_ROW", r"#define FORMAT_LINES_ROW\s((?:.*\\\n)*.*)", read("client/format/format_lines.h"))
+    return dict(re.findall(r"\.(\w+) = (\w+)", macro))
+
+
 def row(name):
     """The members of a row that have one word or text, by name."""
     folder = os.path.join(SOURCE, "client")
@@ -19,7 +27,7 @@ def row(name):
         for file in files:
             found = re.search(r"^const struct format format_%s = \{(.*?)^\};" % name, read(os.path.join(place, file)), re.M | re.S)
             if found:
-                return dict(re.findall(r'\.(\w+) = "?(.*?)"?,$', found.group(1), re.M))
+                return {**shared(found.group(1)), **dict(re.findall(r'\.(\w+) = "?(.*?)"?,$', found.group(1), re.M))}
     sys.exit("format_%s is nowhere below client" % name)
 
 
