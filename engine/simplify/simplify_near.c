@@ -204,12 +204,12 @@ static void find_doubtful(struct simplify_near *w)
 
 /* ---- all ---- */
 
-static void stars_box(const struct simplify_near *w, int32_t ret[4])
+void simplify_keys_box(const uint64_t *key, size_t n, int32_t ret[4])
 {
-	for (size_t i = 0; i < w->nkey; i++) {
+	for (size_t i = 0; i < n; i++) {
 		int32_t at[4];
 
-		point_from_morton(w->key[i], &at[0], &at[1]);
+		point_from_morton(key[i], &at[0], &at[1]);
 		at[2] = at[0];
 		at[3] = at[1];
 		if (i)
@@ -231,7 +231,7 @@ static int run(struct simplify_near *w, struct err *err)
 	int32_t stars[4];
 	int r = 0;
 
-	stars_box(w, stars);
+	simplify_keys_box(w->key, w->nkey, stars);
 	for (unsigned i = 0; !r && i < TIMES && (!w->begun || w->ndisc > w->nseen); i++, by *= 2) {
 		set_limit(w, stars, by);
 		r = w->begun ? read_discs(w, err) : read_box(w, err);

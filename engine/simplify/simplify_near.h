@@ -33,6 +33,9 @@ struct simplify_near {
 	struct simplify_circle disc[SIMPLIFY_DISCS];
 };
 
+/* The box of positions, of which there is at least one. */
+void simplify_keys_box(const uint64_t *key, size_t n, int32_t ret[4]);
+
 /* *ret_done: else nothing is known. */
 int simplify_near(struct simplify_near *, bool *ret_done, struct err *err);
 

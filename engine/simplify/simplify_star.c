@@ -182,17 +182,7 @@ static void window_of(const struct stars *w, struct view *ret)
 	int32_t box[4];
 
 	*ret = w->c->s->rest;
-	for (size_t i = 0; i < w->nkey; i++) {
-		int32_t at[4];
-
-		point_from_morton(w->key[i], &at[0], &at[1]);
-		at[2] = at[0];
-		at[3] = at[1];
-		if (i)
-			point_box_join(box, at);
-		else
-			memcpy(box, at, sizeof box);
-	}
+	simplify_keys_box(w->key, w->nkey, box);
 	ret->window = VIEW_CROP_BOX;
 	for (unsigned k = 0; k < 4; k++)
 		ret->window_box[k] = box[k] + ret->k[k & 1];
