@@ -52,7 +52,7 @@ static const char *waits_text(const char *waiting, char buf[320])
 	else if (!strncmp(waiting, file, sizeof(file) - 1))
 		snprintf(buf, 320, "%s gives nothing", waiting + sizeof(file) - 1);
 	else if (!strncmp(waiting, files, sizeof(files) - 1))
-		snprintf(buf, 320, "waits for other files of yours: %.20s give nothing", waiting + sizeof(files) - 1);
+		snprintf(buf, 320, "waits for %.20s other files of yours that give nothing", waiting + sizeof(files) - 1);
 	else
 		snprintf(buf, 320, "waits for %.100s", waiting);
 	return buf;
@@ -89,8 +89,10 @@ static void note_file(struct session_progress *p, const struct acut_progress *no
 			"%s gives nothing: does the file system that it is on answer? It is waited for; Ctrl-C ends the push",
 			now->waiting + sizeof(file) - 1);
 	else
-		console_note(&p->session->console, "this push waits: %.20s files of yours give nothing, and no more may at once",
-			     now->waiting + sizeof(files) - 1);
+		console_note(
+			&p->session->console,
+			"this push waits: %.20s other files of yours give nothing; it goes on when one of them does, or its push ends",
+			now->waiting + sizeof(files) - 1);
 }
 
 static void draw(struct session_progress *p, const struct acut_progress *now)

@@ -134,7 +134,8 @@ static int explain_open(const struct work *w, int r, struct err *err)
 	if (!*path)
 		return r;
 	err_clear(err);
-	err_set(err, ERR_CONFLICT, "it stays until a process of this machine closes it");
+	err_set(err, ERR_CONFLICT,
+		"the file is deleted, but a process of this machine has it open, and NFS keeps it until it closes it");
 	err_add_hint(err, "'fuser -v %s' tells which one; end it, then %s", path,
 		     faccessat(w->fd, WORK_ABOUT, F_OK, 0) ? "remove the folder" : "clean once more");
 	return err_add_file(err, path);

@@ -125,7 +125,7 @@ def more_files_hang_than_may():
                     expect("gives nothing" in told, told)
                 hung.append(start("push", "h4", names[4]))
                 told = next((line for line in hung[4].stderr if "this push waits" in line), "it ended")
-                expect("4 files of yours give nothing" in told, told)
+                expect("4 other files of yours give nothing" in told, told)
                 expect(before and tasks() == before, "%s, before %s" % (tasks(), before))
                 gate.open()
                 for p in hung:

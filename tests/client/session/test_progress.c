@@ -56,10 +56,10 @@ static void stalled_files(void **state)
 	show("stalled-file: b.las", "b.las gives nothing");
 	show("", NULL);
 	show("stalled-file: b.las", "b.las gives nothing");
-	show("stalled-files: 4", "this push waits: 4 files");
+	show("stalled-files: 4", "this push waits: 4 other files");
 	/* The push that waited has a worker now, and its own file hangs. */
 	show("stalled-file: c.las", "c.las gives nothing");
-	show("stalled-files: 4", "this push waits: 4 files");
+	show("stalled-files: 4", "this push waits: 4 other files");
 	memset(name + strlen(name), 'x', sizeof name - 1 - strlen(name));
 	show(name, "xxx");
 	show("waiting-space: 5", "5 ");
