@@ -43,7 +43,7 @@
 #include "err.h"
 #include "finish.h"
 
-enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64, WEIGHT_TABLES = 8 };
+enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64, WEIGHT_TABLES = 8, GUESS_MORE = 3 << 15 };
 
 /* ---- memory ---- */
 
@@ -113,6 +113,8 @@ static int read_first(struct window_area *a, bool *ret_flat, struct err *err)
 		r = window_area_around(a, err);
 	for (uint32_t n = NEAREST_FIRST; !r && !window_area_build(a); n = 2 * n < WINDOW_PICK ? 2 * n : WINDOW_PICK) {
 		if (is_crowded(a, a->npts)) {
+			if (a->guessed)
+				return WINDOW_E_SPLIT;
 			r = window_area_apex(a, err);
 			*ret_flat = !r && !window_area_build(a);
 			return r;
@@ -152,6 +154,8 @@ int window_area_run(struct window_area *a, bool *ret_flat, uint64_t *ret_need, s
 		uint32_t before = tri_count(a->tri);
 
 		a->sift = a->sift || is_crowded(a, before);
+		if (a->sift && a->guessed)
+			return WINDOW_E_SPLIT;
 		a->waiting = before;
 		r = window_area_test(a, err);
 		if (r != WINDOW_AGAIN)
@@ -273,17 +277,34 @@ static int finish_domain(struct window_area *a, const struct window_from *from, 
 	return 0;
 }
 
-int window_domain_from(const struct window_from *from, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need,
-		       struct err *err)
+/* A capacity that suffices for most pieces. The arrays of a smaller arena are close to each other, so fewer huge pages are
+ * touched, which the kernel clears. */
+static int guess_cap(const struct window_from *from, uint32_t *ret, struct err *err)
 {
-	struct window_area *a;
+	struct window_piece window;
+	int32_t data[4];
+	uint64_t n = 0;
+	int r = 0;
+
+	*ret = from->cap;
+	if (from->lines || !from->src->box(from->src->ctx, data) || !window_piece_init(&window, from->view, data, from->region))
+		return 0;
+	r = window_positions(from->src, &window, &n, err);
+	n += n + GUESS_MORE;
+	*ret = n < from->cap ? (uint32_t)n : from->cap;
+	return r;
+}
+
+static int domain_within(const struct window_from *from, uint32_t cap, const int64_t k[3], struct mesh_domain *ret,
+			 uint64_t *ret_need, struct err *err)
+{
+	const size_t room = cap < from->cap ? tri_bytes(cap) : from->room;
+	struct window_area *a = window_area_init(from->src, from->view, from->region, from->round, tri_init(from->memory, cap),
+						 cap, (uint8_t *)from->memory + align_line(room));
 	bool flat;
 	int r;
 
-	if (from->view->nweight)
-		return window_regular(from, k, ret, ret_need, err);
-	a = window_area_init(from->src, from->view, from->region, from->round, tri_init(from->memory, from->cap), from->cap,
-			     (uint8_t *)from->memory + align_line(from->room));
+	a->guessed = cap < from->cap;
 	r = window_area_run(a, &flat, ret_need, err);
 	if (r)
 		return r;
@@ -292,6 +313,19 @@ int window_domain_from(const struct window_from *from, const int64_t k[3], struc
 	a->counts.points = a->counts.points_read;
 	*ret = (struct mesh_domain){.counts = a->counts};
 	return 0;
+}
+
+int window_domain_from(const struct window_from *from, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need,
+		       struct err *err)
+{
+	uint32_t cap;
+	int r;
+
+	if (from->view->nweight)
+		return window_regular(from, k, ret, ret_need, err);
+	r = guess_cap(from, &cap, err);
+	r = r ? r : domain_within(from, cap, k, ret, ret_need, err);
+	return r == WINDOW_E_SPLIT && cap < from->cap ? domain_within(from, from->cap, k, ret, ret_need, err) : r;
 }
 
 uint32_t window_cap(uint32_t cap)

@@ -49,6 +49,7 @@ struct window_area {
 	uint32_t round; /* cells of a round, at most WINDOW_PICK */
 	struct tri *tri;
 	bool highest; /* the view prefers the higher of two heights at a position */
+	bool guessed; /* there is more room than `cap` */
 	/* its state */
 	struct window_piece window;
 	bool built;          /* tri has triangles, and points are inserted into them */
@@ -67,6 +68,7 @@ struct window_area {
 	int64_t zone[4];
 	unsigned shift;
 	uint64_t dirty[WINDOW_RASTER][WINDOW_RASTER / 64];
+	uint8_t clear[WINDOW_RASTER + 2][WINDOW_RASTER + 2]; /* of [y + 1][x + 1], squares to the nearest touched one */
 	struct window_disc *disc;
 	uint32_t ndisc, disc_room;
 	uint32_t hit[WINDOW_DISCS], nhit; /* discs that meet the sifted cell */
@@ -100,6 +102,8 @@ int window_domain_from(const struct window_from *, const int64_t k[3], struct me
 		       struct err *err);
 /* window_domain_from with weights (window_regular.c). */
 int window_regular(const struct window_from *, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+/* *ret: the positions of all cells that meet the window. */
+int window_positions(const struct cut_source *, const struct window_piece *window, uint64_t *ret, struct err *err);
 int window_plan_from(const struct cut_source *, const struct view *, uint32_t cap, unsigned pieces, struct cut_plan *ret,
 		     struct err *err);
 

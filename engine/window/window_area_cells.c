@@ -155,11 +155,11 @@ static int around_cell(void *ctx, const struct grid_cell *cell)
 	struct window_area *a = b->a;
 	struct window_seen *seen;
 
-	/* Points that the kernel would have to sort out by discs may need the room more. */
-	if (a->npts + (uint64_t)cell->count > a->base + (uint64_t)(a->cap - a->base) / 4 || window_area_full(a))
-		return 0;
 	if (window_area_has_read(a, cell) || !is_close(a, cell->box))
 		return 0;
+	/* Points that the kernel would have to sort out by discs may need the room more. */
+	if (a->npts + (uint64_t)cell->count > a->base + (uint64_t)(a->cap - a->base) / 4 || window_area_full(a))
+		return a->guessed ? WINDOW_E_SPLIT : 0;
 	seen = find_seen(a, cell);
 	*seen = (struct window_seen){cell->place, cell->segment, 1};
 	a->nseen++;

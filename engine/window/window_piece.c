@@ -186,11 +186,12 @@ static void triangle_shape(struct shape *s, int64_t corner[3][2], const int32_t 
 }
 
 /* Fast path: most triangles that meet the piece have a corner in it. */
-static bool holds_corner(const struct window_piece *w, const int64_t at[2])
+static bool holds_corner(const struct window_piece *w, const int32_t at[2])
 {
-	const struct cut_region here = {.x = (uint32_t)(at[0] / 2 + BIAS), .y = (uint32_t)(at[1] / 2 + BIAS)};
+	const struct cut_region here = {.x = (uint32_t)(at[0] + BIAS), .y = (uint32_t)(at[1] + BIAS)};
+	const int64_t x = 2 * (int64_t)at[0], y = 2 * (int64_t)at[1];
 
-	if (at[0] < w->box[0] || at[1] < w->box[1] || at[0] > w->box[2] || at[1] > w->box[3])
+	if (x < w->box[0] || y < w->box[1] || x > w->box[2] || y > w->box[3])
 		return false;
 	return view_window_is_box(w->view) || may_meet(w, &here);
 }
@@ -200,10 +201,10 @@ bool window_piece_meets(const struct window_piece *w, const int32_t a[2], const 
 	int64_t corner[3][2];
 	struct shape s;
 
+	if (holds_corner(w, a))
+		return true;
 	triangle_shape(&s, corner, a, b, c);
-	if (!boxes_meet(s.bounds, w->box))
-		return false;
-	return holds_corner(w, corner[0]) || cover_meets(w, &w->region, &s);
+	return boxes_meet(s.bounds, w->box) && cover_meets(w, &w->region, &s);
 }
 
 static bool box_inside(const int64_t inner[4], const int64_t outer[4])
@@ -217,7 +218,10 @@ bool window_piece_sends(const struct window_piece *w, const int32_t a[2], const 
 	struct shape s;
 
 	triangle_shape(&s, corner, a, b, c);
-	if (!(box_inside(s.bounds, w->box) && view_window_is_box(w->view)) && !view_window_meets(w->view, a, b, c))
+	/* It meets no other region. */
+	if (box_inside(s.bounds, w->box) && view_window_is_box(w->view))
+		return true;
+	if (!view_window_meets(w->view, a, b, c))
 		return false;
 	for (unsigned i = 0; i < w->nbefore; i++)
 		if (cover_meets(w, &w->before[i], &s))

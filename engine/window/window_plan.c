@@ -23,43 +23,48 @@ struct part {
 };
 
 struct sum {
-	struct window_piece window;
+	const struct window_piece *window;
 	uint64_t positions;
-	bool exact;
 };
 
 static bool sum_enter(void *ctx, const struct grid_cell *subtree)
 {
 	const struct sum *s = ctx;
 
-	return subtree->count > 0 && window_piece_meets_box(&s->window, subtree->box);
+	return subtree->count > 0 && window_piece_meets_box(s->window, subtree->box);
 }
 
 static int sum_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct sum *s = ctx;
 
-	if (cell->count && window_piece_meets_box(&s->window, cell->box))
+	if (cell->count && window_piece_meets_box(s->window, cell->box))
 		s->positions += cell->distinct < cell->count ? cell->distinct : cell->count;
 	return 0;
+}
+
+int window_positions(const struct cut_source *src, const struct window_piece *window, uint64_t *ret, struct err *err)
+{
+	struct sum s = {.window = window};
+	const struct grid_visitor v = {.ctx = &s, .enter = sum_enter, .cell = sum_cell};
+	int r = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
+
+	*ret = s.positions;
+	return r;
 }
 
 /* The leaf of a region. *ret_any false: it has no piece. */
 static int leaf_of(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct cut_region *region,
 		   struct cut_leaf *ret, bool *ret_any, struct err *err)
 {
-	struct sum s = {0};
-	const struct grid_visitor v = {.ctx = &s, .enter = sum_enter, .cell = sum_cell};
-	int r = 0;
+	struct window_piece window;
 
 	*ret = (struct cut_leaf){.region = *region};
-	*ret_any = window_piece_init(&s.window, view, data, region);
-	if (*ret_any) {
-		window_piece_tighten(&s.window, &ret->region);
-		r = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
-		ret->count = s.positions;
-	}
-	return r;
+	*ret_any = window_piece_init(&window, view, data, region);
+	if (!*ret_any)
+		return 0;
+	window_piece_tighten(&window, &ret->region);
+	return window_positions(src, &window, &ret->count, err);
 }
 
 /* Pushes the halves that have a piece onto the stack; the lower one on top. */

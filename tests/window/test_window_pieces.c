@@ -16,7 +16,7 @@
 #include "window_area.h"
 
 /* CELLS: on each axis, of 2^BITS a side. */
-enum { CELLS = 24, BITS = 10, EACH = 1000, CAP = 1 << 19, WALKS = 4 };
+enum { CELLS = 24, BITS = 10, EACH = 1000, CAP = 1 << 19, WALKS = 5 };
 
 static struct view view = {.window = VIEW_CROP_BOX, .window_box = {4500, 4500, 19500, 19500}};
 static struct point records[CELLS][CELLS][EACH];
