@@ -5,7 +5,8 @@
  * piece (window_piece.h), and the nearest others until S is not collinear. DT(S) is triangulated, and tested: for each
  * triangle that meets the piece, and each ghost whose closed outer half plane does, every cell whose box meets its
  * closed circumdisc (the half plane) must have been read. The nearest unread ones are read and their points
- * inserted, until none is left. The loop ends, because each round reads a cell.
+ * inserted, until none is left. The loop ends, because each round reads a cell. Of a rectangle S begins with the points
+ * of P in a box around the piece, and a disc in that box needs no other cell.
  *
  * Then the triangles of DT(S) that meet the piece are those of DT(P) that do. Let A be the piece.
  * (1) A tested triangle T is in DT(P): its perturbed circle holds no point of S, and all points of P in the closed disc
@@ -80,7 +81,7 @@ struct window_area *window_area_init(const struct cut_source *src, const struct 
 	a->src = *src;
 	a->view = view;
 	a->region = region;
-	a->cap = cap;
+	a->cap = a->most = cap;
 	a->round = round && round < WINDOW_PICK ? round : WINDOW_PICK;
 	a->tri = tri;
 	a->highest = view_prefers(view, &(struct point){.z = 1}, &(struct point){.z = 0});
@@ -305,6 +306,7 @@ static int domain_within(const struct window_from *from, uint32_t cap, const int
 	int r;
 
 	a->guessed = cap < from->cap;
+	a->clips = !from->lines && view_window_is_box(from->view);
 	r = window_area_run(a, &flat, ret_need, err);
 	if (r)
 		return r;

@@ -50,12 +50,16 @@ struct window_area {
 	struct tri *tri;
 	bool highest; /* the view prefers the higher of two heights at a position */
 	bool guessed; /* there is more room than `cap` */
+	bool clips;   /* of the first cells, only points in `inner` are taken */
 	/* its state */
 	struct window_piece window;
 	bool built;          /* tri has triangles, and points are inserted into them */
 	struct point *pts;   /* until then: the points, in the arena */
-	uint32_t npts, base; /* base: points of the cells that meet the piece */
+	uint32_t npts, most; /* most: of the points that are collected */
+	uint32_t base;       /* the points read first */
 	double spacing;      /* of these points, about */
+	int64_t inner[4];    /* with `clips`: a box around the piece, of which all points were read */
+	bool begun;          /* they were read */
 	bool unsorted;
 	bool sift;        /* only points inside a disc are taken from a cell, and the cell counts as not read */
 	bool thorough;    /* cells give few points: all cells that meet a disc are read, not only the nearest */

@@ -1,10 +1,11 @@
 /*
  * Reading for an area query: which cells were read, and where their points go.
  *
- * All cells that meet the piece are read first, so they need no entry in the table of read cells. Until there are
- * triangles, points are collected in the arena, between the kernel's input and the part that the kernel does not use
- * before it has sorted. Later points are inserted into the triangulation directly. Records at one position are reduced to
- * one: here within a cell, when points are sorted across cells, and by the kernel.
+ * All cells that meet the piece are read first, so they need no entry in the table of read cells. Of a rectangle only the points
+ * in the inner box are taken then, a little larger than the piece; the cells that reach out of it count as not read. Until there
+ * are triangles, points are collected in the arena, between the kernel's input and the part that the kernel does not use before
+ * it has sorted. Later points are inserted into the triangulation directly. Records at one position are reduced to one: here
+ * within a cell, when points are sorted across cells, and by the kernel.
  */
 #include <math.h>
 #include <string.h>
@@ -16,6 +17,10 @@
  * read anyway. Without them a side of the piece that lies between cells, as one between two pieces does, is a side of the hull,
  * whose thin triangles have circles that meet cells far away. */
 #define AROUND 3.0
+/* Of a rectangle the points within so many spacings are taken from the cells, instead of whole cells. */
+#define INNER 8.0
+/* They are at most so many more than twice the positions of the cells that meet the piece. */
+enum { INNER_MORE = 1 << 15 };
 
 /* ---- the table ---- */
 
@@ -29,9 +34,16 @@ static struct window_seen *find_seen(const struct window_area *a, const struct g
 	return &a->seen[i];
 }
 
+static bool is_inner(const struct window_area *a, const int32_t low[2], const int32_t high[2])
+{
+	return low[0] >= a->inner[0] && low[1] >= a->inner[1] && high[0] <= a->inner[2] && high[1] <= a->inner[3];
+}
+
 bool window_area_has_read(const struct window_area *a, const struct grid_cell *cell)
 {
-	return cell->count == 0 || find_seen(a, cell)->used || window_piece_meets_box(&a->window, cell->box);
+	if (cell->count == 0 || find_seen(a, cell)->used)
+		return true;
+	return a->clips ? is_inner(a, cell->box, cell->box + 2) : window_piece_meets_box(&a->window, cell->box);
 }
 
 /* ---- points ---- */
@@ -45,7 +57,7 @@ static int add_point(struct window_area *a, const struct point *p)
 			*last = *p;
 		return 0;
 	}
-	if (a->npts == a->cap)
+	if (a->npts == a->most)
 		return WINDOW_E_SPLIT;
 	a->unsorted = a->unsorted || (a->npts > 0 && point_morton(p->x, p->y) < point_morton(last->x, last->y));
 	a->pts[a->npts++] = *p;
@@ -66,8 +78,13 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	(void)err;
 	a->counts.points_read += n;
 	for (size_t i = 0; i < n; i++) {
-		int r = view_judge(a->view, &pts[i]) != VIEW_KEPT ? 0 : a->built ? insert(a, &pts[i]) : add_point(a, &pts[i]);
+		const int32_t at[2] = {pts[i].x, pts[i].y};
+		int r;
 
+		/* First those of the inner box, then the others. */
+		if ((a->clips && is_inner(a, at, at) == a->begun) || view_judge(a->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		r = a->built ? insert(a, &pts[i]) : add_point(a, &pts[i]);
 		if (r)
 			return r;
 	}
@@ -85,45 +102,83 @@ static int read_cell(struct window_area *a, const struct grid_cell *cell, struct
 struct begin {
 	struct window_area *a;
 	struct err *err;
-	bool full;
-	double ground; /* of the boxes of all these cells */
+	double ground; /* of the boxes of all cells that meet the piece */
 	uint64_t records;
 };
 
-static bool begin_enter(void *ctx, const struct grid_cell *subtree)
+static bool begin_meets(const struct window_area *a, const int32_t box[4])
+{
+	if (!a->clips)
+		return window_piece_meets_box(&a->window, box);
+	return box[0] <= a->inner[2] && box[1] <= a->inner[3] && box[2] >= a->inner[0] && box[3] >= a->inner[1];
+}
+
+static bool piece_enter(void *ctx, const struct grid_cell *subtree)
 {
 	const struct begin *b = ctx;
 
 	return subtree->count > 0 && window_piece_meets_box(&b->a->window, subtree->box);
 }
 
-static int begin_cell(void *ctx, const struct grid_cell *cell)
+static int measure_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct begin *b = ctx;
-	int r;
 
 	if (cell->count == 0 || !window_piece_meets_box(&b->a->window, cell->box))
 		return 0;
 	b->a->waiting += cell->distinct < cell->count ? cell->distinct : cell->count;
 	b->ground += ((double)cell->box[2] - cell->box[0]) * ((double)cell->box[3] - cell->box[1]);
 	b->records += cell->count;
-	if (b->full)
-		return 0;
-	r = read_cell(b->a, cell, b->err);
-	b->full = r == WINDOW_E_SPLIT;
-	return b->full ? 0 : r;
+	return 0;
+}
+
+static bool begin_enter(void *ctx, const struct grid_cell *subtree)
+{
+	const struct begin *b = ctx;
+
+	return subtree->count > 0 && begin_meets(b->a, subtree->box);
+}
+
+static int begin_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct begin *b = ctx;
+
+	return cell->count && begin_meets(b->a, cell->box) ? read_cell(b->a, cell, b->err) : 0;
+}
+
+static int read_begin(struct begin *b)
+{
+	const struct grid_visitor v = {.ctx = b, .enter = begin_enter, .cell = begin_cell};
+	struct window_area *a = b->a;
+
+	a->npts = 0;
+	a->begun = a->unsorted = false;
+	return a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, b->err);
 }
 
 int window_area_begin(struct window_area *a, struct err *err)
 {
 	struct begin b = {.a = a, .err = err};
-	const struct grid_visitor v = {.ctx = &b, .enter = begin_enter, .cell = begin_cell};
+	const struct grid_visitor measure = {.ctx = &b, .enter = piece_enter, .cell = measure_cell};
+	uint64_t many;
 	int r;
 
 	a->waiting = 0;
-	r = a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
+	r = a->src.walk(a->src.ctx, 0, UINT64_MAX, &measure, err);
 	a->spacing = b.records ? sqrt(b.ground / (double)b.records) : 0;
-	return r ? r : b.full ? WINDOW_E_SPLIT : 0;
+	for (unsigned k = 0; k < 4; k++)
+		a->inner[k] = a->window.box[k] / 2 + (k < 2 ? -1 : 1) * (int64_t)ceil(INNER * a->spacing);
+	many = 2 * a->waiting + INNER_MORE;
+	a->most = a->clips && many < a->cap ? (uint32_t)many : a->cap;
+	r = r ? r : read_begin(&b);
+	a->most = a->cap;
+	/* A sparse cell beside dense ones: the inner box is large. */
+	if (r == WINDOW_E_SPLIT && a->clips) {
+		a->clips = false;
+		r = read_begin(&b);
+	}
+	a->begun = true;
+	return r;
 }
 
 /* The box, larger on all sides. */
@@ -171,7 +226,7 @@ int window_area_around(struct window_area *a, struct err *err)
 	struct begin b = {.a = a, .err = err};
 	const struct grid_visitor v = {.ctx = &b, .enter = around_enter, .cell = around_cell};
 
-	return a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
+	return a->clips ? 0 : a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
 }
 
 /* ---- others ---- */

@@ -19,6 +19,8 @@
 #include "geom.h"
 #include "window_area.h"
 
+enum { SQUARES_LEAST = 16 };
+
 /* ---- the raster ---- */
 
 static int64_t larger(int64_t a, int64_t b)
@@ -26,18 +28,24 @@ static int64_t larger(int64_t a, int64_t b)
 	return a > b ? a : b;
 }
 
-/* The piece and its size around it on every side. */
+static int64_t smaller(int64_t a, int64_t b)
+{
+	return a < b ? a : b;
+}
+
+/* The piece and an eighth of its size around it on every side. */
 static void set_zone(struct window_area *a)
 {
 	const int64_t *b = a->window.box;
-	int64_t size = larger(b[2] - b[0], b[3] - b[1]) / 2 + 64;
+	int64_t size = larger(b[2] - b[0], b[3] - b[1]) / 16 + 64;
+	int64_t squares = smaller(SQUARES_LEAST + tri_count(a->tri) / 8, WINDOW_RASTER); /* on each axis */
 
 	a->shift = 0;
 	for (unsigned k = 0; k < 2; k++) {
 		a->zone[k] = b[k] / 2 - size;
 		a->zone[2 + k] = b[2 + k] / 2 + size;
 	}
-	while (larger(a->zone[2] - a->zone[0], a->zone[3] - a->zone[1]) >> a->shift >= WINDOW_RASTER)
+	while (larger(a->zone[2] - a->zone[0], a->zone[3] - a->zone[1]) >> a->shift >= squares)
 		a->shift++;
 }
 
@@ -104,6 +112,22 @@ static void measure_clear(struct window_area *a)
 		}
 }
 
+/* Squares in the inner box have no unread points. */
+static void clear_inner(struct window_area *a)
+{
+	int64_t from[2], to[2];
+
+	for (unsigned k = 0; k < 2; k++) {
+		int64_t low = larger(a->inner[k] - a->zone[k], 0), high = a->inner[2 + k] + 1 - a->zone[k];
+
+		from[k] = (low + ((int64_t)1 << a->shift) - 1) >> a->shift;
+		to[k] = smaller(high >> a->shift, WINDOW_RASTER) - 1;
+	}
+	for (int64_t y = from[1]; a->clips && y <= to[1]; y++)
+		for (int64_t word = from[0] / 64; word <= to[0] / 64; word++)
+			a->dirty[y][word] &= ~row_mask((unsigned)word, from[0], to[0]);
+}
+
 static int make_raster(struct window_area *a, struct err *err)
 {
 	const struct grid_visitor v = {.ctx = a, .enter = zone_enter, .cell = zone_cell};
@@ -112,6 +136,7 @@ static int make_raster(struct window_area *a, struct err *err)
 	set_zone(a);
 	memset(a->dirty, 0, sizeof(a->dirty));
 	r = a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
+	clear_inner(a);
 	measure_clear(a);
 	return r;
 }
@@ -124,6 +149,13 @@ static double clear_around(const struct window_area *a, const int32_t at[2])
 	if (x >= WINDOW_RASTER || y >= WINDOW_RASTER || a->clear[y + 1][x + 1] < 2)
 		return 0;
 	return (double)((int64_t)(a->clear[y + 1][x + 1] - 1) << a->shift);
+}
+
+/* A square with this centre is in the box. */
+static bool is_in(const int64_t box[4], double x, double y, double size)
+{
+	return x - size >= (double)box[0] && y - size >= (double)box[1] && x + size <= (double)box[2] &&
+	       y + size <= (double)box[3];
 }
 
 /* No unread cell has a point within `size` of the centre on both axes. */
@@ -202,6 +234,9 @@ static bool true_disc(struct window_area *area, const int32_t a[2], const int32_
 	cut_disc_init(&ret->disc, a, b, c);
 	if (is_clean(area, a[0] + ret->disc.ux, a[1] + ret->disc.uy,
 		     radius + CUT_DISC_SLACK * (fabs(ret->disc.ux) + fabs(ret->disc.uy)) + 1))
+		return false;
+	if (area->clips && is_in(area->inner, a[0] + ret->disc.ux, a[1] + ret->disc.uy,
+				 radius + CUT_DISC_SLACK * (fabs(ret->disc.ux) + fabs(ret->disc.uy)) + 1))
 		return false;
 	ret->ghost = false;
 	set_target(area, ret, ((double)a[0] + b[0] + c[0]) / 3, ((double)a[1] + b[1] + c[1]) / 3);

@@ -16,11 +16,13 @@
 #include "window_area.h"
 
 /* CELLS: on each axis, of 2^BITS a side. */
-enum { CELLS = 24, BITS = 10, EACH = 1000, CAP = 1 << 19, WALKS = 5 };
+enum { CELLS = 24, BITS = 10, EACH = 1000, CAP = 1 << 19, WALKS = 5, SPARSE = 16 };
 
 static struct view view = {.window = VIEW_CROP_BOX, .window_box = {4500, 4500, 19500, 19500}};
 static struct point records[CELLS][CELLS][EACH];
 static struct grid_cell cell[CELLS][CELLS];
+static struct point few[SPARSE];
+static struct grid_cell sparse; /* over all of them, if it has points */
 static unsigned walks;
 
 static int by_place(const void *a, const void *b)
@@ -56,11 +58,13 @@ static int walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *
 	walks++;
 	for (unsigned i = 0; i < CELLS * CELLS && !r; i++)
 		r = v->cell(v->ctx, &cell[i / CELLS][i % CELLS]);
-	return r;
+	return r || !sparse.count ? r : v->cell(v->ctx, &sparse);
 }
 
 static int read_records(void *ctx, const struct grid_cell *c, grid_points_fn fn, void *sink, struct err *err)
 {
+	if (c->place == sparse.place && sparse.count)
+		return fn(sink, few, SPARSE, err);
 	return fn(sink, records[c->place / CELLS][c->place % CELLS], EACH, err);
 }
 
@@ -73,6 +77,45 @@ static bool box(void *ctx, int32_t ret[4])
 }
 
 static const struct cut_source src = {.walk = walk, .read = read_records, .box = box};
+
+static const struct cut_region plane = {.wx = 32, .wy = 32};
+
+/* A small window in an arena of that size. */
+static void small_window(uint32_t cap, struct digest *ret)
+{
+	const struct view little = {.window = VIEW_CROP_BOX, .window_box = {9000, 9000, 10000, 10000}};
+	void *memory = aligned_alloc(64, (tri_bytes(cap) + window_area_tables(cap) + 127) & ~(size_t)63);
+	const struct window_from from = {
+		.src = &src, .view = &little, .region = &plane, .cap = cap, .memory = memory, .room = tri_bytes(cap)};
+	const int64_t k[3] = {0, 0, 0};
+	struct err err = ERR_INIT;
+	struct mesh_domain d;
+	uint64_t need;
+
+	assert_non_null(memory);
+	assert_int_equal(window_domain_from(&from, k, &d, &need, &err), 0);
+	assert_in_range(d.ntriangle, 1000, 3000);
+	*ret = d.digest;
+	free(memory);
+}
+
+/* A cell with few points that reaches over all others makes the spacing of points look large. A window in it needs no more
+ * memory than without. */
+static void beside_sparse(void **state)
+{
+	struct digest alone, both;
+
+	(void)state;
+	small_window(1 << 13, &alone);
+	sparse = (struct grid_cell){.count = SPARSE, .distinct = SPARSE, .place = CELLS * CELLS};
+	for (unsigned i = 0; i < SPARSE; i++)
+		few[i] = (struct point){.x = i < SPARSE / 2 ? (int32_t)i : (CELLS << BITS) - 1 - (int32_t)i,
+					.y = i < SPARSE / 2 ? (int32_t)i : (CELLS << BITS) - 1 - (int32_t)i};
+	box(NULL, sparse.box);
+	small_window(1 << 13, &both);
+	sparse.count = 0;
+	assert_true(digest_equal(alone, both));
+}
 
 struct sum {
 	struct digest digest;
@@ -153,7 +196,7 @@ static void small(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(divides), cmocka_unit_test(small)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(divides), cmocka_unit_test(small), cmocka_unit_test(beside_sparse)};
 
 	for (unsigned i = 0; i < CELLS * CELLS; i++)
 		make_cell(i % CELLS, i / CELLS);
