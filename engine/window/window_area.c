@@ -44,7 +44,7 @@
 #include "err.h"
 #include "finish.h"
 
-enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64, WEIGHT_TABLES = 8, GUESS_MORE = 3 << 15 };
+enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64, WEIGHT_TABLES = 8, GUESS_MORE = 1 << 15 };
 
 /* ---- memory ---- */
 
@@ -278,6 +278,12 @@ static int finish_domain(struct window_area *a, const struct window_from *from, 
 	return 0;
 }
 
+/* Pieces of lines need the positions of whole cells. */
+static bool clips(const struct window_from *from)
+{
+	return !from->lines && view_window_is_box(from->view);
+}
+
 /* A capacity that suffices for most pieces. The arrays of a smaller arena are close to each other, so fewer huge pages are
  * touched, which the kernel clears. */
 static int guess_cap(const struct window_from *from, uint32_t *ret, struct err *err)
@@ -291,7 +297,7 @@ static int guess_cap(const struct window_from *from, uint32_t *ret, struct err *
 	if (from->lines || !from->src->box(from->src->ctx, data) || !window_piece_init(&window, from->view, data, from->region))
 		return 0;
 	r = window_positions(from->src, &window, &n, err);
-	n += n + GUESS_MORE;
+	n += clips(from) ? GUESS_MORE : n + 3 * GUESS_MORE;
 	*ret = n < from->cap ? (uint32_t)n : from->cap;
 	return r;
 }
@@ -306,7 +312,7 @@ static int domain_within(const struct window_from *from, uint32_t cap, const int
 	int r;
 
 	a->guessed = cap < from->cap;
-	a->clips = !from->lines && view_window_is_box(from->view);
+	a->clips = clips(from);
 	r = window_area_run(a, &flat, ret_need, err);
 	if (r)
 		return r;
