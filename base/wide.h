@@ -1,4 +1,4 @@
-/* Sums of products of 128-bit numbers, exact: for signs of determinants that do not fit 128 bits. */
+/* Sums of products of 128-bit numbers, exact: for signs of determinants that do not fit 128 bits; and their common divisor. */
 #ifndef WIDE_H
 #define WIDE_H
 
@@ -37,6 +37,18 @@ static inline struct wide wide_sum(struct wide a, struct wide b)
 static inline int wide_sign(struct wide a)
 {
 	return a.high < 0 ? -1 : a.high || a.low;
+}
+
+/* The greatest common divisor, of numbers of either sign; 0 of two zeros. */
+static inline __int128 wide_gcd(__int128 a, __int128 b)
+{
+	while (b) {
+		const __int128 rest = a % b;
+
+		a = b;
+		b = rest;
+	}
+	return a < 0 ? -a : a;
 }
 
 /* Near: some units in the last place. */

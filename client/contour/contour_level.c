@@ -10,6 +10,7 @@
 
 #include "contour_priv.h"
 #include "err.h"
+#include "wide.h"
 
 typedef contour_i128 i128;
 typedef unsigned __int128 u128;
@@ -26,20 +27,9 @@ struct fraction {
 	i128 n, d;
 };
 
-static i128 gcd(i128 a, i128 b)
-{
-	a = a < 0 ? -a : a;
-	while (b) {
-		i128 t = a % b;
-		a = b;
-		b = t;
-	}
-	return a;
-}
-
 static void reduce(struct fraction *f)
 {
-	i128 g = gcd(f->n, f->d);
+	i128 g = wide_gcd(f->n, f->d);
 
 	if (g > 1) {
 		f->n /= g;
@@ -101,7 +91,7 @@ static bool heights_init(struct contour_levels *l, const struct contour_options 
 	if (!times(&i, o->interval.num, o->interval.den, interval.exponent) ||
 	    !times(&b, o->base.num, o->base.den, base.exponent))
 		return false;
-	if (__builtin_mul_overflow(i.d / gcd(i.d, b.d), b.d, &l->den) || l->den >= DIVISOR_MOST ||
+	if (__builtin_mul_overflow(i.d / wide_gcd(i.d, b.d), b.d, &l->den) || l->den >= DIVISOR_MOST ||
 	    __builtin_mul_overflow(l->den / i.d, i.n, &l->interval_n) || __builtin_mul_overflow(l->den / b.d, b.n, &l->base_n))
 		return false;
 	for (double step = (double)l->interval_n / (double)l->den, ten = 1e6; l->decimals < DECIMALS_MOST && step * ten < 100;
@@ -133,7 +123,7 @@ int contour_levels_init(struct contour_levels *l, const struct acut_mesh_head *h
 		return too_fine(head, err);
 	if (interval.d >= Q_MOST || base.d >= Q_MOST)
 		return too_fine(head, err);
-	q = interval.d / gcd(interval.d, base.d) * base.d;
+	q = interval.d / wide_gcd(interval.d, base.d) * base.d;
 	if (q >= Q_MOST || __builtin_mul_overflow(q / interval.d, interval.n, &p) || p >= P_MOST || base.n > (i128)1 << 90 ||
 	    base.n < -((i128)1 << 90))
 		return too_fine(head, err);
@@ -238,7 +228,7 @@ static double place(const struct contour_axis *x, int32_t from, int32_t to, int6
 	if (x->whole && x->e <= 0) {
 		q = divisor(d, x->e);
 		if (q >= DIVISOR_MOST && d > 1) {
-			int64_t g = (int64_t)gcd(n, d);
+			int64_t g = (int64_t)wide_gcd(n, d);
 
 			n /= g;
 			d /= g;

@@ -10,25 +10,16 @@
 
 #include "dem_priv.h"
 #include "err.h"
+#include "wide.h"
 
 #define LATTICE_MOST ((dem_i128)1 << 62)
 #define Q_MOST (1 << 20)       /* so that the numbers of one triangle fit 127 bits (dem_plane.c) */
 #define P_MOST (1ll << 58)     /* and its places 61 */
 #define PIXEL_MOST (1ll << 52) /* absolute numbers of pixels are exact as doubles */
 
-static dem_i128 gcd(dem_i128 a, dem_i128 b)
-{
-	while (b) {
-		dem_i128 t = a % b;
-		a = b;
-		b = t;
-	}
-	return a;
-}
-
 static void reduce(dem_i128 *p, dem_i128 *q)
 {
-	dem_i128 g = gcd(*p, *q);
+	dem_i128 g = wide_gcd(*p, *q);
 
 	*p /= g;
 	*q /= g;

@@ -9,6 +9,7 @@
 
 #include "dem_priv.h"
 #include "err.h"
+#include "wide.h"
 
 /* A pixel over a square: a / b. */
 struct tiling {
@@ -25,19 +26,9 @@ struct list {
 	size_t n, room;
 };
 
-static dem_i128 gcd(dem_i128 a, dem_i128 b)
-{
-	while (b) {
-		dem_i128 t = a % b;
-		a = b;
-		b = t;
-	}
-	return a;
-}
-
 static int tiling_init(struct tiling *t, const struct dem_grid *g, const struct dem_tiler *tiler, struct err *err)
 {
-	dem_i128 first = gcd(g->p, tiler->p), second = gcd(tiler->q, (dem_i128)g->q);
+	dem_i128 first = wide_gcd(g->p, tiler->p), second = wide_gcd(tiler->q, (dem_i128)g->q);
 
 	t->a = g->p / first * (tiler->q / second);
 	t->b = tiler->p / first * (g->q / second);

@@ -13,6 +13,7 @@
 
 #include "err.h"
 #include "format_axis.h"
+#include "wide.h"
 
 #define FORMAT_MORE_DECIMALS 9
 
@@ -38,16 +39,6 @@ const char *format_unit_of_word(const char *word, size_t n)
 	return NULL;
 }
 
-static int64_t gcd(int64_t a, int64_t b)
-{
-	while (b) {
-		int64_t t = a % b;
-		a = b;
-		b = t;
-	}
-	return a;
-}
-
 bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *den)
 {
 	size_t f = UNITS, t = UNITS;
@@ -63,7 +54,7 @@ bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *
 		return false;
 	n = units[f].num * units[t].den;
 	d = units[f].den * units[t].num;
-	g = gcd(n, d);
+	g = (int64_t)wide_gcd(n, d);
 	*num = n / g;
 	*den = d / g;
 	return true;

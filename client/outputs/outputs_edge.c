@@ -17,18 +17,9 @@
 #include "err.h"
 #include "format_axis.h"
 #include "outputs_priv.h"
+#include "wide.h"
 
 typedef unsigned __int128 u128;
-
-static u128 gcd(u128 a, u128 b)
-{
-	while (b) {
-		u128 t = a % b;
-		a = b;
-		b = t;
-	}
-	return a;
-}
 
 bool outputs_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q)
 {
@@ -41,7 +32,7 @@ bool outputs_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct d
 		q *= 10;
 	if (e)
 		return false;
-	g = gcd(p, q);
+	g = (u128)wide_gcd((__int128)p, (__int128)q);
 	p /= g;
 	q /= g;
 	if (p >> 64 || q >> 64)

@@ -19,13 +19,6 @@ struct task {
 	char scale[CTL_SCALE_SIZE];
 };
 
-static int survey_progress(void *ctx, const char *phase, uint64_t done, uint64_t all)
-{
-	struct task *t = ctx;
-
-	return session_interrupted(&t->program->session);
-}
-
 static void refused(void *ctx, const struct err *why)
 {
 	struct task *t = ctx;
@@ -71,7 +64,6 @@ static int survey_of(struct task *t, struct err *err)
 	p->strict = s->strict;
 	p->grows = !work_about(t->work)->tasks[WORK_PLAN];
 	p->scratch = t->own.opt.scratch;
-	p->progress = survey_progress;
 	p->refused = refused;
 	p->warned = warned;
 	p->ctx = t;
@@ -98,16 +90,9 @@ static int run_commit(struct task *t, struct err *err)
 	return survey_commit(t->work, &t->survey, err);
 }
 
-static int interrupted(void *ctx)
-{
-	struct task *t = ctx;
-
-	return session_interrupted(&t->program->session);
-}
-
 static int with_view(struct task *t, int (*run)(struct task *, const struct mesh_phase_params *, struct err *), struct err *err)
 {
-	struct mesh_phase_params p = {.memory = work_about(t->work)->memory, .interrupted = interrupted, .ctx = t};
+	struct mesh_phase_params p = {.memory = work_about(t->work)->memory};
 	char *view;
 	int r = ctl_view_text(&t->own.view, &view, err);
 
@@ -141,12 +126,8 @@ static int run_mesh(struct task *t, struct err *err)
 
 static struct gather_params gather_of(struct task *t)
 {
-	return (struct gather_params){.work = t->work,
-				      .outputs = &t->own.fetch,
-				      .scratch = t->own.opt.scratch,
-				      .memory = work_about(t->work)->memory,
-				      .interrupted = interrupted,
-				      .ctx = t};
+	return (struct gather_params){
+		.work = t->work, .outputs = &t->own.fetch, .scratch = t->own.opt.scratch, .memory = work_about(t->work)->memory};
 }
 
 static int run_sum(struct task *t, struct err *err)
@@ -183,6 +164,7 @@ int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t 
 	int r = 0;
 
 	t.own.session.console = p->session.console;
+	work_set_interrupt(w, session_interrupted, &p->session);
 	if (index >= about->tasks[phase])
 		return err_set(err, ERR_USAGE, "there is no task %s %u: the run has %u of this phase", work_phase_text(phase),
 			       index, about->tasks[phase]);

@@ -131,8 +131,8 @@ static int write_outputs(struct task *t, struct err *err)
 	struct outputs_options opt = {.part = t->part,
 				      .tiles_most = gather_tiles_part(t->p),
 				      .share = {0, UINT64_MAX},
-				      .interrupted = t->p->interrupted,
-				      .ctx = t->p->ctx};
+				      .interrupted = work_interrupted,
+				      .ctx = t->p->work};
 	const struct gather_choice choice = {group_wanted, domain_wanted, t};
 	struct acut_mesh_sink sink;
 	struct pipe_totals totals;
@@ -252,7 +252,7 @@ static int share_outputs(struct task *t, uint32_t tasks, struct err *err)
 					       .digest = digest_hex(tail.digest, digest),
 					       .vertex_digest = digest_hex(tail.vertex_digest, vertex_digest)}};
 	const struct outputs_options opt = {
-		.part = t->part, .share_of = &share, .interrupted = t->p->interrupted, .ctx = t->p->ctx};
+		.part = t->part, .share_of = &share, .interrupted = work_interrupted, .ctx = t->p->work};
 	struct gather_share_sums sums = {.vertices = 0};
 	char own[GATHER_PART];
 	uint64_t memory = 0;

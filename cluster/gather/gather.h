@@ -19,12 +19,10 @@ struct work;
 struct gather_params {
 	struct work *work;
 	const struct ctl_fetch_options
-		*outputs;              /* as the command line gave them; paths are absolute, or of the working directory */
-	const char *scratch;           /* a folder of this node for temporary files; NULL: they are in the work folder */
-	uint64_t memory;               /* of the task, all in all */
-	uint64_t block;                /* bytes of a file that one task writes alone, at least; 0: 4 MiB */
-	int (*interrupted)(void *ctx); /* not 0: give up; may be NULL */
-	void *ctx;
+		*outputs;    /* as the command line gave them; paths are absolute, or of the working directory */
+	const char *scratch; /* a folder of this node for temporary files; NULL: they are in the work folder */
+	uint64_t memory;     /* of the task, all in all */
+	uint64_t block;      /* bytes of a file that one task writes alone, at least; 0: 4 MiB */
 };
 
 /* When a command is submitted: refuses by name what gather cannot write (-ERR_USAGE), and, by the points that the inputs claim,

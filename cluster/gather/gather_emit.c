@@ -39,7 +39,7 @@ static int emit_one(void *ctx, const struct store_pack *pack, const struct store
 	struct emission *e = ctx;
 	struct cut_region region;
 	struct mesh_domain domain;
-	int r = gather_interrupted(e->in->p, err);
+	int r = work_check_interrupt(e->in->p->work, err);
 
 	if (!r && !cut_region_parse(entry->region, &region)) {
 		err_set(err, ERR_CORRUPT, "a pack has a domain of no region: \"%.64s\"", entry->region);

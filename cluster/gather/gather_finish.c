@@ -157,7 +157,7 @@ static int given_up(void *ctx)
 	struct err ignored = ERR_INIT;
 	struct work_record *record = NULL;
 
-	if (f->p->interrupted && f->p->interrupted(f->p->ctx))
+	if (work_interrupted(f->p->work))
 		return 1;
 	if (work_record_look(f->p->work, WORK_FINISH, 0, &record, &ignored))
 		return 0;
@@ -175,11 +175,6 @@ static int publish(struct finish *f, struct err *err)
 	while ((r = outputs_publish(f->run, err)) && files && (r == -ERR_GONE || err->sys == ESTALE) && !given_up(f) &&
 	       work_wait(f->p->work, &waited))
 		err_clear(err);
-	/* nothing says that the file is gone: it was not waited for until the end */
-	if (r && f->p->interrupted && f->p->interrupted(f->p->ctx)) {
-		err_clear(err);
-		r = gather_interrupted(f->p, err);
-	}
 	return r;
 }
 

@@ -16,11 +16,6 @@
 
 enum { ENTRIES = 128 };
 
-int gather_interrupted(const struct gather_params *p, struct err *err)
-{
-	return p->interrupted && p->interrupted(p->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
-}
-
 int gather_input_needs(const struct gather_input *in, uint64_t *ret, struct err *err)
 {
 	const uint64_t held = GATHER_PROCESS + in->held + in->memory, need = held + GATHER_LEAST;
@@ -114,7 +109,7 @@ static int walk_some(const struct walk *w, const struct store_pack *pack, uint64
 	for (; first < last && !r; first += ENTRIES) {
 		size_t n = last - first < ENTRIES ? (size_t)(last - first) : ENTRIES;
 
-		r = gather_interrupted(w->in->p, err);
+		r = work_check_interrupt(w->in->p->work, err);
 		if (!r)
 			r = store_pack_entries(pack, first, n, w->entry, err);
 		for (size_t i = 0; i < n && !r; i++)

@@ -94,7 +94,6 @@ int gather_pack_open(const struct gather_input *, uint32_t i, struct gather_open
 void gather_head(const struct gather_input *, struct stream_head *ret);
 /* What it says last. */
 struct stream_tail gather_tail(const struct gather_input *);
-int gather_interrupted(const struct gather_params *, struct err *err);
 
 /* ---- gather.c ---- */
 

@@ -319,7 +319,7 @@ static int write_domain(struct sharing *s, const struct gather_place *at, bool m
 /* Another attempt at the task is asked for now and then: if it has made everything, this one need not write any more. */
 static int go_on(struct sharing *s, struct err *err)
 {
-	int r = gather_interrupted(s->in->p, err);
+	int r = work_check_interrupt(s->in->p->work, err);
 
 	if (r || s->looks++ % LOOK || !s->given_up(s->ctx))
 		return r;

@@ -339,7 +339,7 @@ static int add_all(struct summing *s, uint32_t tasks, struct err *err)
 	s->at = rows_size(in->npacks, tasks);
 	mesh_box_begin(in->box);
 	for (uint32_t i = 0; i < in->npacks && !r; i++) {
-		r = gather_interrupted(in->p, err);
+		r = work_check_interrupt(in->p->work, err);
 		if (!r)
 			r = add_record(s, i, err);
 	}

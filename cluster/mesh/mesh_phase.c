@@ -45,13 +45,6 @@ int phase_run(struct work *w, enum work_phase phase, uint32_t task, const struct
 	return r > 0 ? 0 : r;
 }
 
-int phase_progress(const struct phase *s, struct err *err)
-{
-	if (s->p->interrupted && s->p->interrupted(s->p->ctx))
-		return err_set(err, ERR_CANCELLED, "the task was cancelled");
-	return 0;
-}
-
 /* ---- memory ---- */
 
 uint64_t phase_lists(const struct phase *s)

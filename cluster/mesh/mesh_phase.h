@@ -23,11 +23,9 @@ struct err;
 struct store_pack_entry;
 
 struct mesh_phase_params {
-	const char *view;              /* the request, ctl_view_text; "": all points */
-	uint64_t memory;               /* of a task, besides the program itself; the same for both phases of a run */
-	uint32_t load, cap, top;       /* 0: by the memory and the points; tests set smaller ones for the phase plan */
-	int (*interrupted)(void *ctx); /* not 0: give up (-ERR_CANCELLED); may be NULL */
-	void *ctx;
+	const char *view;        /* the request, ctl_view_text; "": all points */
+	uint64_t memory;         /* of a task, besides the program itself; the same for both phases of a run */
+	uint32_t load, cap, top; /* 0: by the memory and the points; tests set smaller ones for the phase plan */
 };
 
 /* When a command is submitted: refuses by name a view that no run of a cluster makes (-ERR_UNSUPPORTED). */

@@ -24,8 +24,6 @@ struct phase {
 
 /* Runs a task (work_run). 0: it has its record. */
 int phase_run(struct work *, enum work_phase, uint32_t task, const struct mesh_phase_params *, phase_fn, struct err *err);
-/* Non-zero, with the error: the phase was cancelled. */
-int phase_progress(const struct phase *, struct err *err);
 /* The dataset of the run. Its files are waited for. */
 int phase_open(struct phase *, struct err *err);
 /* What a view asks for that no run of a cluster makes; NULL: nothing. */

@@ -143,7 +143,7 @@ static int make_leaf(struct making *m, const struct cut_region *region, struct e
 		cut_plan_make_flat(&plan);
 	for (size_t i = 0; !r && i < plan.n; i += made) {
 		made = false;
-		r = phase_progress(m->s, err);
+		r = work_check_interrupt(m->s->work, err);
 		if (!r)
 			r = make_one(m, &plan, i, &made, err);
 	}

@@ -34,17 +34,10 @@ static int make(void *ctx, struct work_attempt *a, uint32_t task, struct err *er
 int survey_run(struct work *w, enum work_phase phase, uint32_t task, const struct survey_params *p, survey_fn run,
 	       struct err *err)
 {
-	struct survey s = {.work = w, .p = p, .phase = phase, .run = run};
+	struct survey s = {.work = w, .p = p, .run = run};
 	int r = work_run(w, phase, task, make, &s, err);
 
 	return r > 0 ? 0 : r;
-}
-
-int survey_progress(struct survey *s, uint64_t done, uint64_t all, struct err *err)
-{
-	if (s->p->progress && s->p->progress(s->p->ctx, work_phase_text(s->phase), done, all))
-		return err_set(err, ERR_CANCELLED, "the task was cancelled");
-	return 0;
 }
 
 int survey_check_memory(const struct survey *s, uint64_t bytes, const char *what, struct err *err)

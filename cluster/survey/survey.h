@@ -29,8 +29,6 @@ struct survey_params {
 
 	/* Of this node. */
 	const char *scratch; /* a folder for temporary files of a stage; NULL: they are in the work folder */
-	/* Non-zero cancels (-ERR_CANCELLED). `phase` as in work_phase_text, `done` of `all` (0: unknown). May be NULL. */
-	int (*progress)(void *ctx, const char *phase, uint64_t done, uint64_t all);
 	/* An input that is refused, by its path in err.file; what is odd about one that is read. May be NULL. */
 	void (*refused)(void *ctx, const struct err *why);
 	void (*warned)(void *ctx, const char *path, const char *text);

@@ -147,7 +147,7 @@ static int take_all(struct commit *c, struct err *err)
 	for (uint32_t i = 0; !r && i < tasks[WORK_STAGE]; i++) {
 		r = take_stage(c, i, err);
 		if (!r)
-			r = survey_progress(c->s, i + 1, tasks[WORK_STAGE], err);
+			r = work_check_interrupt(c->s->work, err);
 	}
 	for (uint32_t i = 0; !r && i < tasks[WORK_SORT]; i++)
 		r = take_sorted(c, i, err);

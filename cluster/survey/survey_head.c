@@ -34,8 +34,7 @@ struct head {
 	/* While headers are read: the lock guards the table and what follows, and callbacks are called under it. */
 	struct lock lock;
 	_Atomic size_t next; /* the input that is opened next */
-	size_t done;
-	struct err why; /* why no more are opened */
+	struct err why;      /* why no more are opened */
 };
 
 uint64_t survey_head_bytes(uint64_t inputs)
@@ -132,16 +131,15 @@ static int open_one(struct head *h, struct survey_input *to, struct err *err)
 /* Counts an input; false: nobody opens another one. */
 static bool opened(struct head *h, size_t i, int r, const struct err *why)
 {
-	struct err err = ERR_INIT;
 	bool go_on;
 
 	lock_take(&h->lock);
-	if (r == -ERR_NOMEM && !h->why.code)
-		h->why = *why;
-	else if (r)
-		refuse(h, i, why);
-	if (!h->why.code && survey_progress(h->s, ++h->done, h->table.n, &err))
-		h->why = err;
+	if (!h->why.code && !work_check_interrupt(h->s->work, &h->why) && r) {
+		if (r == -ERR_NOMEM)
+			h->why = *why;
+		else
+			refuse(h, i, why);
+	}
 	go_on = !h->why.code;
 	lock_give(&h->lock);
 	return go_on;

@@ -21,7 +21,6 @@ typedef int (*survey_fn)(struct survey *, uint32_t task, struct err *err);
 struct survey {
 	struct work *work;
 	const struct survey_params *p;
-	enum work_phase phase;
 	survey_fn run;
 	struct work_attempt *attempt;
 	struct agree agree;
@@ -32,8 +31,6 @@ struct survey {
 
 /* Runs a task (work_run). 0: it has its record. */
 int survey_run(struct work *, enum work_phase, uint32_t task, const struct survey_params *, survey_fn, struct err *err);
-/* Non-zero, with the error: the phase was cancelled. */
-int survey_progress(struct survey *, uint64_t done, uint64_t all, struct err *err);
 /* -ERR_LIMIT: a task has less memory. */
 int survey_check_memory(const struct survey *, uint64_t bytes, const char *what, struct err *err);
 

@@ -137,12 +137,9 @@ static int step_all(struct sort *so, struct grid_rewrite *w, struct err *err)
 	int r = 0;
 
 	while (!r) {
-		uint64_t done, all;
-
 		r = grid_rewrite_step(w, err);
-		grid_rewrite_progress(w, &done, &all);
 		if (!r)
-			r = survey_progress(so->s, done, 0, err);
+			r = work_check_interrupt(so->s->work, err);
 	}
 	return r < 0 ? r : 0;
 }

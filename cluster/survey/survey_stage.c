@@ -32,9 +32,7 @@ struct stage {
 	struct grid_source *source; /* of the head's manifest */
 	size_t n;
 	struct grid_stage *points;
-	uint64_t claimed;         /* by the head */
 	struct pipe_ingested sum; /* of the inputs that are read */
-	struct err cancelled;     /* set: progress was refused */
 	uint64_t warnings;
 	atomic_bool cancel;                /* nobody sets it */
 	_Atomic uint64_t hashed, hash_end; /* nobody asks */
@@ -92,11 +90,9 @@ static int stage_memory(const struct survey *s, size_t *ret, struct err *err)
 
 /* ---- one input ---- */
 
-static int progress(void *ctx, uint64_t points)
+static int progress(void *work, uint64_t points)
 {
-	struct stage *st = ctx;
-
-	return survey_progress(st->s, st->sum.points + points, st->claimed, &st->cancelled);
+	return work_interrupted(work);
 }
 
 static int warn(struct stage *st, const struct grid_source *source, const char *text, struct err *err)
@@ -126,7 +122,8 @@ static bool was_degrees(const struct survey *s, const struct grid_source *source
 static int ingest(struct stage *st, struct grid_source *source, struct input *in, struct pipe_ingested *ret, struct err *err)
 {
 	struct survey *s = st->s;
-	struct pipe_ingest_params params = {.lattice = &s->agree.lattice, .stage = st->points, .progress = progress, .ctx = st};
+	struct pipe_ingest_params params = {
+		.lattice = &s->agree.lattice, .stage = st->points, .progress = progress, .ctx = s->work};
 	struct crs_info crs = input_info(in)->crs;
 	char overridden[AGREE_OVERRIDDEN];
 	struct agree_step step;
@@ -141,8 +138,6 @@ static int ingest(struct stage *st, struct grid_source *source, struct input *in
 		r = grid_stage_source(st->points, source->id, err);
 	if (!r)
 		r = pipe_ingest(in, &params, ret, err);
-	if (r == -ERR_CANCELLED && st->cancelled.code)
-		*err = st->cancelled;
 	if (!r)
 		r = file_hash_bounded(input_info(in), source->size, source->path, err);
 	if (!r)
@@ -273,7 +268,7 @@ static int write_results(struct stage *st, struct err *err)
 
 static int run(struct survey *s, uint32_t task, struct err *err)
 {
-	struct stage st = {.s = s, .cancelled = ERR_INIT};
+	struct stage st = {.s = s};
 	struct grid_segment_info segment;
 	size_t first, end;
 	int r = survey_take_head(s, err);
@@ -283,8 +278,6 @@ static int run(struct survey *s, uint32_t task, struct err *err)
 	survey_share(s->head, task, work_about(s->work)->tasks[WORK_STAGE], &first, &end);
 	st.source = s->head->sources + first;
 	st.n = end - first;
-	for (size_t i = 0; i < st.n; i++)
-		st.claimed += st.source[i].points;
 	if (st.n) {
 		r = stage_all(&st, task, &segment, err);
 		remove_scratch(&st);

@@ -56,11 +56,29 @@ bool work_wait(const struct work *w, double *waited)
 	double seconds = *waited < 0.5 ? 0.05 : *waited < 5 ? 0.5 : 2;
 	struct timespec t = {.tv_sec = (time_t)seconds, .tv_nsec = (long)((seconds - (double)(time_t)seconds) * 1e9)};
 
-	if (*waited >= w->patience)
+	if (*waited >= w->patience || work_interrupted((void *)w))
 		return false;
 	nanosleep(&t, NULL);
 	*waited += seconds;
 	return true;
+}
+
+void work_set_interrupt(struct work *w, int (*interrupted)(void *ctx), void *ctx)
+{
+	w->interrupted = interrupted;
+	w->interrupted_ctx = ctx;
+}
+
+int work_interrupted(void *work)
+{
+	const struct work *w = work;
+
+	return w->interrupted ? w->interrupted(w->interrupted_ctx) : 0;
+}
+
+int work_check_interrupt(struct work *w, struct err *err)
+{
+	return work_interrupted(w) ? err_set(err, ERR_CANCELLED, "the task was interrupted") : 0;
 }
 
 void work_set_patience(struct work *w, double seconds)

@@ -66,7 +66,13 @@ int work_inputs(const struct work *, struct work_input **ret, size_t *ret_n, str
 
 /* Seconds for which a file that must be there is waited for; 120 unless set ($ACUT_CLUSTER_PATIENCE). */
 void work_set_patience(struct work *, double seconds);
-/* Waits a little, longer each time; false: the patience is over. *waited: seconds so far, 0 at first. */
+/* Asked while something is waited for, and by the phases between their steps: not 0 ends the task. */
+void work_set_interrupt(struct work *, int (*interrupted)(void *ctx), void *ctx);
+int work_interrupted(void *work); /* what it answers; 0: none was set */
+/* -ERR_CANCELLED: it was interrupted. */
+int work_check_interrupt(struct work *, struct err *err);
+/* Waits a little, longer each time; false: the patience is over, or the work was interrupted. *waited: seconds so far, 0 at
+ * first. */
 bool work_wait(const struct work *, double *waited);
 /* Opens a file of the folder for reading, which some task has written. `size`: its bytes, by its record; UINT64_MAX: unknown. A
  * file that is absent, stale or shorter is waited for. *ret_fd is the caller's. */
@@ -100,7 +106,8 @@ enum { WORK_E_LOST = 2 };
 int work_publish(struct work_attempt *, struct err *err);
 /* Records why an attempt failed, for people; errors of that are ignored. `why` stays the caller's. */
 void work_fail(struct work_attempt *, const struct err *why);
-/* A task from beginning to end: begins an attempt, calls `make`, publishes, and records a failure (-ERR_CANCELLED is none). 0:
+/* A task from beginning to end: begins an attempt, calls `make`, publishes, and records a failure (-ERR_CANCELLED is none, and
+ * nothing else of a task that is interrupted). 0:
  * the record is this attempt's. WORK_E_DONE, WORK_E_LOST: it is another's, and `make` was not called, or was in vain; then its
  * error does not matter, either. */
 typedef int (*work_make_fn)(void *ctx, struct work_attempt *, uint32_t task, struct err *err);

@@ -307,6 +307,11 @@ int work_run(struct work *w, enum work_phase phase, uint32_t task, work_make_fn 
 		err_clear(err);
 		r = WORK_E_LOST;
 	}
+	/* What was waited for when it was interrupted may come. */
+	if (r < 0 && r != -ERR_CANCELLED && work_interrupted(w)) {
+		err_clear(err);
+		r = work_check_interrupt(w, err);
+	}
 	if (r < 0 && r != -ERR_CANCELLED)
 		work_fail(a, err);
 	work_end(a);

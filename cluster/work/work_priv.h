@@ -17,6 +17,8 @@ struct work {
 	bool linked;         /* the name that was given is a symbolic link */
 	int fd;
 	double patience;
+	int (*interrupted)(void *ctx); /* NULL: never */
+	void *interrupted_ctx;
 	struct work_about about;
 	char *text; /* of acut-work: holds its words */
 };

@@ -2,7 +2,7 @@
 import os
 import re
 from dataclasses import dataclass
-from typing import Any, List
+from typing import Any, List, Tuple
 
 from . import _abi as abi
 from . import _library
@@ -32,19 +32,18 @@ def backup_sink(state: State, each: Any) -> Any:
     return sink
 
 
-class FileGiver:
-    """Gives files one after the other; their names are for messages."""
+class _Giver:
+    """Gives files one after the other, each with a name; `files`: names and paths."""
 
-    def __init__(self, state: State, paths: List[str]) -> None:
-        self.paths, self.fd, self.text = list(paths), -1, b""  # type: List[str], int, bytes
-        kind = _library.library().acut_cache_adopt.argtypes[1]
+    def __init__(self, state: State, kind: Any, files: List[Tuple[str, str]]) -> None:
+        self.files, self.fd, self.text = files, -1, b""  # type: List[Tuple[str, str]], int, bytes
         self.next = kind(guard(state, self._next, 3))
 
     def _next(self, ctx: int, ret_name: int, ret_fd: int) -> None:
         self.close()
-        if self.paths:
-            path = self.paths.pop(0)
-            self.fd, self.text = os.open(path, os.O_RDONLY | os.O_CLOEXEC), os.fsencode(path)
+        if self.files:
+            name, path = self.files.pop(0)
+            self.fd, self.text = os.open(path, os.O_RDONLY | os.O_CLOEXEC), os.fsencode(name)
             abi.c_char_p.from_address(ret_name).value = self.text
             abi.c_int.from_address(ret_fd).value = self.fd
 
@@ -52,33 +51,26 @@ class FileGiver:
         if self.fd >= 0:
             os.close(self.fd)
         self.fd = -1
+
+
+class FileGiver(_Giver):
+    """Files anywhere; their names are for messages."""
+
+    def __init__(self, state: State, paths: List[str]) -> None:
+        super().__init__(state, _library.library().acut_cache_adopt.argtypes[1], [(path, path) for path in paths])
 
 
 # As acutctl chooses them: segments, files of sources, and files of lines, which are named by the numbers of their sources.
 _OF_DATASET = re.compile(r"[^.].*\.seg|sources(-[^.]*)?|(lines|lineset|places)-[0-9]+", re.DOTALL)
 
 
-class Giver:
-    """Gives the files of an exported dataset one after the other, "manifest" first."""
+class Giver(_Giver):
+    """The files of an exported dataset, "manifest" first."""
 
     def __init__(self, state: State, folder: str) -> None:
         others = sorted(n for n in os.listdir(folder) if _OF_DATASET.fullmatch(n))
         if not os.path.exists(os.path.join(folder, "manifest")):
             raise InputError("there is no file manifest in this folder", file=folder,
                              hint="give a folder that acutctl dataset export has written to its end")
-        self.folder, self.names, self.fd, self.text = folder, ["manifest"] + others, -1, b""  # type: str, List[str], int, bytes
-        kind = _library.library().acut_import.argtypes[2]
-        self.next = kind(guard(state, self._next, 3))
-
-    def _next(self, ctx: int, ret_name: int, ret_fd: int) -> None:
-        self.close()
-        if self.names:
-            name = self.names.pop(0)
-            self.fd, self.text = os.open(os.path.join(self.folder, name), os.O_RDONLY | os.O_CLOEXEC), os.fsencode(name)
-            abi.c_char_p.from_address(ret_name).value = self.text
-            abi.c_int.from_address(ret_fd).value = self.fd
-
-    def close(self) -> None:
-        if self.fd >= 0:
-            os.close(self.fd)
-        self.fd = -1
+        super().__init__(state, _library.library().acut_import.argtypes[2],
+                         [(name, os.path.join(folder, name)) for name in ["manifest"] + others])

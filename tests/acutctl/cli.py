@@ -8,10 +8,12 @@ import sys
 import tempfile
 import threading
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../e2e"))
+from checks import check, end  # noqa: E402
+
 ACUTCTL = os.environ["ACUTCTL"]
 MAN = os.environ.get("ACUT_MAN")
 BUILD = os.environ.get("ACUT_BUILD", "build")
-failed = passed = 0
 
 
 def run(*args, env=None, cwd=None, stdin=b"", out=subprocess.PIPE):
@@ -20,15 +22,6 @@ def run(*args, env=None, cwd=None, stdin=b"", out=subprocess.PIPE):
     full.update(env or {})
     p = subprocess.run([ACUTCTL, *args], input=stdin, stdout=out, stderr=subprocess.PIPE, env=full, cwd=cwd, timeout=60)
     return p.returncode, (p.stdout or b"").decode(), p.stderr.decode()
-
-
-def check(what, cond, detail=""):
-    global failed, passed
-    if cond:
-        passed += 1
-    else:
-        failed += 1
-        print("FAIL", what, detail)
 
 
 def expect(args, status, *texts, **kw):
@@ -389,5 +382,4 @@ examples()
 plain()
 libraries()
 man_page()
-print("%d passed, %d failed" % (passed, failed))
-sys.exit(1 if failed else 0)
+end()

@@ -18,6 +18,7 @@ import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
 import e2e  # noqa: E402
+from checks import check, end  # noqa: E402
 
 ACUTCTL, ACUTD, SYNTH = (os.environ[k] for k in ("ACUTCTL", "ACUTD", "ACUT_SYNTH"))
 for program in (ACUTD, SYNTH):
@@ -27,14 +28,6 @@ for program in (ACUTD, SYNTH):
 if os.path.exists("/run/acut/acutd.sock"):
     print("skipped: a system daemon runs, private ones are not tested")
     sys.exit(77)
-failed = passed = 0
-
-
-def check(what, cond, detail=""):
-    global failed, passed
-    passed, failed = passed + bool(cond), failed + (not cond)
-    if not cond:
-        print("FAIL", what, detail, flush=True)
 
 
 class Place:
@@ -441,5 +434,4 @@ with tempfile.TemporaryDirectory(prefix="acut-live-") as base:
         private(place)
     finally:
         place.end()
-print("%d passed, %d failed" % (passed, failed))
-sys.exit(1 if failed else 0)
+end()

@@ -271,7 +271,8 @@ static void test_parse_units(void **state)
 	assert_true(parse_many("1.5M", &u) && u == 1500000);
 	assert_true(parse_many("2G", &u) && u == UINT64_C(2000000000));
 	assert_false(parse_many("1.0001k", &u) || parse_many("M", &u) || parse_many("-1k", &u) || parse_many("1m", &u) ||
-		     parse_many("10000000G", &u) || parse_many("", &u));
+		     parse_many("10000000G", &u) || parse_many("", &u) ||
+		     parse_many("0000000000000000000000000000000000000012k", &u));
 	assert_true(parse_size("24M", &u) && u == 24u << 20);
 	assert_true(parse_size("1.5G", &u) && u == 3ull << 29);
 	assert_true(parse_size("512k", &u) && u == 512u << 10);

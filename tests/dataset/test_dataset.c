@@ -134,6 +134,28 @@ static void test_readers(void **state)
 	dataset_release(d);
 }
 
+/* A push removes what a crash left beside the newest manifest. */
+static void test_left(void **state)
+{
+	static const char *const left[] = {"manifest-left", "sources-left"};
+	char path[2][160];
+	struct dataset *d = push("s", 100, 1);
+
+	for (int i = 0; i < 2; i++) {
+		snprintf(path[i], sizeof path[i], "%s/datasets/%llu/%s", h.folder, (unsigned long long)d->id, left[i]);
+		assert_return_code(symlink("nothing", path[i]), errno);
+	}
+	dataset_release(d);
+	close_service();
+	open_service(UINT64_C(32) << 20, 2);
+	d = push("s", 100, 2);
+	for (int i = 0; i < 2; i++)
+		assert_int_equal(unlink(path[i]), -1);
+	turn_until(!service_active(h.service));
+	assert_int_equal(manifests(d), 1);
+	dataset_release(d);
+}
+
 static int fails(int fd)
 {
 	errno = EIO;
@@ -204,6 +226,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_rights, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_turns, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_readers, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_left, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_failure, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_expiry, setup, teardown),
 	};

@@ -1,6 +1,5 @@
 /* See readback.h. */
 #include <ctype.h>
-#include <dirent.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -13,10 +12,8 @@
 
 #include "cursor.h"
 #include "outfile.h"
+#include "folder.h"
 #include "readback.h"
-#include "repeat.h"
-
-static char dir[64];
 
 const struct meshes_spec readback_small = {.columns = 50,
 					   .rows = 33,
@@ -41,19 +38,13 @@ const struct meshes_spec readback_large = {.columns = 300,
 					   .scale_z = "0.001",
 					   .k = {50000000, 400000000, -12}};
 
-static char *path_of(const char *name, char buf[512])
-{
-	snprintf(buf, 512, "%s/%s", dir, name);
-	return buf;
-}
-
 int readback_write_with(const char *format, const char *name, const struct meshes *m, const struct format_options *opt,
 			const struct outputs_options *ropt, struct err *err)
 {
 	char path[512];
 
 	*err = ERR_INIT;
-	return meshes_write(m, path_of(name, path), format_find(format), opt, ropt, NULL, err);
+	return meshes_write(m, folder_path(name, path), format_find(format), opt, ropt, NULL, err);
 }
 
 int readback_write(const char *format, const char *name, const struct meshes *m, const struct format_options *opt,
@@ -81,13 +72,14 @@ static char *all_of(FILE *f, size_t *ret_size)
 	return text;
 }
 
-char *readback_text(const char *name, size_t *ret_size)
+char *readback_text(const char *format, const char *name, const struct meshes *m, const struct format_options *opt,
+		    size_t *ret_size)
 {
+	struct err err;
 	char path[512];
-	FILE *f = fopen(path_of(name, path), "rb");
 
-	assert_non_null(f);
-	return all_of(f, ret_size);
+	assert_int_equal(readback_write(format, name, m, opt, &err), 0);
+	return folder_file(folder_path(name, path), ret_size);
 }
 
 char *readback_piped(const char *format, const struct meshes *m, const struct format_options *opt, size_t *ret_size)
@@ -113,6 +105,17 @@ char *readback_piped(const char *format, const struct meshes *m, const struct fo
 	return text;
 }
 
+void readback_same_piped(const char *format, const struct meshes *m, const struct format_options *opt, const char *text,
+			 size_t size)
+{
+	size_t n;
+	char *piped = readback_piped(format, m, opt, &n);
+
+	assert_int_equal(n, size);
+	assert_memory_equal(piped, text, size);
+	free(piped);
+}
+
 int readback_late(const char *format, const uint8_t saved[FORMAT_SAVED], const struct meshes *m, const struct format_options *opt,
 		  struct err *err)
 {
@@ -126,7 +129,7 @@ int readback_late(const char *format, const uint8_t saved[FORMAT_SAVED], const s
 
 	*err = ERR_INIT;
 	assert_int_equal(m->block[0].nforeign, 0); /* so that these are all positions */
-	assert_int_equal(outfile_new(path_of("late", path), false, &out, err), 0);
+	assert_int_equal(outfile_new(folder_path("late", path), false, &out, err), 0);
 	assert_int_equal(f->open(out, opt, &writer, err), 0);
 	r = f->resume(writer, &m->head, &from, err);
 	if (!r)
@@ -187,19 +190,10 @@ int64_t readback_number(const char **at, int decimals)
 
 int readback_begin(void **state)
 {
-	repeat_folder(dir, sizeof(dir), "readback");
-	return 0;
+	return folder_begin(state);
 }
 
 int readback_end(void **state)
 {
-	DIR *d = opendir(dir);
-	struct dirent *e;
-
-	while (d && (e = readdir(d)))
-		if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
-			unlinkat(dirfd(d), e->d_name, 0);
-	if (d)
-		closedir(d);
-	return rmdir(dir);
+	return folder_end(state);
 }

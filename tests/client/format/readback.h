@@ -6,14 +6,16 @@
 #include "meshes.h"
 #include "outputs.h"
 
-/* Writes it; 0, or what failed. `name` is that of the file in a folder of its own; `text`, of `size` bytes and a zero, is to be
- * freed. */
+/* Writes it; 0, or what failed. `name` is that of the file in the folder of the test. */
 int readback_write(const char *format, const char *name, const struct meshes *, const struct format_options *, struct err *);
 int readback_write_with(const char *format, const char *name, const struct meshes *, const struct format_options *,
 			const struct outputs_options *, struct err *);
-char *readback_text(const char *name, size_t *ret_size);
-/* The bytes that the same run sends through a pipe. */
+/* What the file then has, and a zero, to be freed. */
+char *readback_text(const char *format, const char *name, const struct meshes *, const struct format_options *, size_t *ret_size);
+/* The bytes that the same run sends through a pipe; likewise. */
 char *readback_piped(const char *format, const struct meshes *, const struct format_options *, size_t *ret_size);
+/* They are these. */
+void readback_same_piped(const char *format, const struct meshes *, const struct format_options *, const char *text, size_t size);
 
 /* What a writer says of one more block when it goes on with what `saved` counts. */
 int readback_late(const char *format, const uint8_t saved[FORMAT_SAVED], const struct meshes *, const struct format_options *,

@@ -24,9 +24,7 @@
 #include "meshes.h"
 #include "no_sync.h"
 #include "outfile.h"
-#include "repeat.h"
 
-static char dir[64];
 static struct io_table *table;
 
 static const struct meshes_spec one = {.columns = 2, .rows = 2, .strip = 1, .step = 10, .scale_xy = "0.01", .scale_z = "0.01"};
@@ -34,14 +32,6 @@ static const struct meshes_spec one = {.columns = 2, .rows = 2, .strip = 1, .ste
 static const struct meshes_spec line = {
 	.columns = 1, .rows = 300, .strip = 299, .x0 = 5, .step = 7, .scale_xy = "0.01", .scale_z = "0.01"};
 static const struct meshes_spec none = {.scale_xy = "0.01", .scale_z = "0.01"};
-
-static char *path_of(const char *name)
-{
-	static char path[512];
-
-	snprintf(path, sizeof(path), "%s/%s", dir, name);
-	return path;
-}
 
 static void empty(const char *path)
 {
@@ -56,13 +46,7 @@ static void empty(const char *path)
 
 static void sweep(void)
 {
-	empty(dir);
-}
-
-static void sweep_folder(const char *path)
-{
-	empty(path);
-	assert_int_equal(rmdir(path), 0);
+	empty(folder_own);
 }
 
 /* Writes the mesh with one row; 0, or the error's code. The output is published only if all went well. */
@@ -204,15 +188,18 @@ static void tiled(const struct format *f, const struct format_options *given)
 	const struct outputs_options ropt = {.tiled = true, .tile = {300, -2}, .sort_memory = 1 << 20};
 	struct meshes m;
 	struct err err = ERR_INIT;
+	char path[512];
 
 	meshes_make(&m, &meshes_many);
+	folder_path("tiles", path);
 	if (opt->simplify.mantissa)
-		assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+		assert_int_equal(write_mesh(f, &m, path, opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	err_clear(&err);
 	opt->simplify.mantissa = 0;
-	assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), 0);
+	assert_int_equal(write_mesh(f, &m, path, opt, &ropt, SIZE_MAX, &err), 0);
 	meshes_done(&m);
-	sweep_folder(path_of("tiles"));
+	empty(path);
+	assert_int_equal(rmdir(path), 0);
 }
 
 /* Tiles are made of every format, and leave nothing else. */
@@ -232,9 +219,9 @@ static void meshes_whole(const struct format *f, const struct format_options *op
 		struct stat st;
 
 		meshes_make(&m, spec[i]);
-		assert_int_equal(write_mesh(f, &m, path_of("out"), opt, &ropt, SIZE_MAX, &err), 0);
-		assert_int_equal(folder_count(dir), 1);
-		assert_int_equal(stat(path_of("out"), &st), 0);
+		assert_int_equal(write_mesh(f, &m, folder_out, opt, &ropt, SIZE_MAX, &err), 0);
+		assert_int_equal(folder_count(folder_own), 1);
+		assert_int_equal(stat(folder_out, &st), 0);
 		assert_true(st.st_size > 0);
 		meshes_done(&m);
 	}
@@ -251,17 +238,17 @@ static void stopped(const struct format *f, const struct format_options *opt)
 	const struct outputs_options ropt = {.sort_memory = 1 << 20};
 	struct meshes m;
 	struct err err = ERR_INIT;
-	FILE *old = fopen(path_of("out"), "w");
+	FILE *old = fopen(folder_out, "w");
 	char text[8] = "";
 
 	fputs("old", old);
 	fclose(old);
 	meshes_make(&m, &meshes_many);
 	for (size_t n = 0; n < 4; n++)
-		assert_int_equal(write_mesh(f, &m, path_of("out"), opt, &ropt, n, &err), 0);
+		assert_int_equal(write_mesh(f, &m, folder_out, opt, &ropt, n, &err), 0);
 	meshes_done(&m);
-	assert_int_equal(folder_count(dir), 1);
-	old = fopen(path_of("out"), "r");
+	assert_int_equal(folder_count(folder_own), 1);
+	old = fopen(folder_out, "r");
 	assert_non_null(fgets(text, sizeof(text), old));
 	fclose(old);
 	assert_string_equal(text, "old");
@@ -282,8 +269,8 @@ static void full_disk(const struct format *f, const struct format_options *opt)
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &meshes_many);
-	assert_int_equal(write_mesh(f, &m, path_of("out"), opt, &ropt, SIZE_MAX, &err), 0);
-	assert_int_equal(stat(path_of("out"), &st), 0);
+	assert_int_equal(write_mesh(f, &m, folder_out, opt, &ropt, SIZE_MAX, &err), 0);
+	assert_int_equal(stat(folder_out, &st), 0);
 	sweep();
 	signal(SIGXFSZ, SIG_IGN);
 	assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
@@ -293,12 +280,12 @@ static void full_disk(const struct format *f, const struct format_options *opt)
 
 		err = ERR_INIT;
 		assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
-		r = write_mesh(f, &m, path_of("out"), opt, &ropt, SIZE_MAX, &err);
+		r = write_mesh(f, &m, folder_out, opt, &ropt, SIZE_MAX, &err);
 		assert_int_equal(setrlimit(RLIMIT_FSIZE, &was), 0);
 		assert_true(r < 0);
 		assert_int_equal(err_exit_status(err.code), 74);
 		assert_non_null(strstr(err.file, "out"));
-		assert_int_equal(folder_count(dir), 0);
+		assert_int_equal(folder_count(folder_own), 0);
 	}
 	meshes_done(&m);
 }
@@ -340,7 +327,7 @@ static void to_pipe(const struct format *f, const struct format_options *opt)
 	assert_int_equal(waitpid(pid, &status, 0), pid);
 	assert_int_equal(status, 0);
 	assert_true(total > 150);
-	assert_int_equal(folder_count(dir), 0);
+	assert_int_equal(folder_count(folder_own), 0);
 	meshes_done(&m);
 }
 
@@ -375,13 +362,14 @@ static void clobber(const struct format *f, const struct format_options *opt)
 	struct format_options keep = *opt;
 	struct meshes m;
 	struct err err = ERR_INIT;
+	char path[512];
 
 	keep.no_clobber = true;
 	meshes_make(&m, &one);
-	assert_int_equal(write_mesh(f, &m, path_of("out"), &keep, &ropt, SIZE_MAX, &err), 0);
-	assert_int_equal(write_mesh(f, &m, path_of("out"), &keep, &ropt, SIZE_MAX, &err), -ERR_USAGE);
-	assert_int_equal(write_mesh(f, &m, path_of("gone/out"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
-	assert_int_equal(folder_count(dir), 1);
+	assert_int_equal(write_mesh(f, &m, folder_out, &keep, &ropt, SIZE_MAX, &err), 0);
+	assert_int_equal(write_mesh(f, &m, folder_out, &keep, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(f, &m, folder_path("gone/out", path), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(folder_count(folder_own), 1);
 	meshes_done(&m);
 }
 
@@ -397,16 +385,18 @@ static void through_link(const struct format *f, const struct format_options *op
 	struct meshes m;
 	struct stat st;
 	struct err err = ERR_INIT;
+	char real[512], link[512];
 
-	close(open(path_of("real"), O_CREAT | O_WRONLY, 0600));
-	assert_int_equal(symlink("real", path_of("link")), 0);
+	folder_path("link", link);
+	close(open(folder_path("real", real), O_CREAT | O_WRONLY, 0600));
+	assert_int_equal(symlink("real", link), 0);
 	meshes_make(&m, &one);
-	assert_int_equal(write_mesh(f, &m, path_of("link"), opt, &ropt, SIZE_MAX, &err), 0);
-	assert_int_equal(lstat(path_of("link"), &st), 0);
+	assert_int_equal(write_mesh(f, &m, link, opt, &ropt, SIZE_MAX, &err), 0);
+	assert_int_equal(lstat(link, &st), 0);
 	assert_true(S_ISLNK(st.st_mode));
-	assert_int_equal(lstat(path_of("real"), &st), 0);
+	assert_int_equal(lstat(real, &st), 0);
 	assert_true(st.st_size > 0);
-	assert_int_equal(folder_count(dir), 2);
+	assert_int_equal(folder_count(folder_own), 2);
 	meshes_done(&m);
 }
 
@@ -425,8 +415,8 @@ static void test_finished_vertex(void **state)
 
 	meshes_make(&m, &meshes_many);
 	memset((void *)m.block[0].final, 0xff, (m.block[0].nnew + 7) / 8);
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_PROTO);
-	assert_int_equal(folder_count(dir), 0);
+	assert_int_equal(write_mesh(format_find("png"), &m, folder_out, &opt, &ropt, SIZE_MAX, &err), -ERR_PROTO);
+	assert_int_equal(folder_count(folder_own), 0);
 	meshes_done(&m);
 }
 
@@ -438,30 +428,30 @@ static void test_wrong_options(void **state)
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &one);
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("png"), &m, folder_out, &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	opt = (struct format_options){.origin_auto = true};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("png"), &m, folder_out, &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	opt = (struct format_options){.width = FORMAT_WIDTH_MAX + 1};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("png"), &m, folder_out, &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	opt = (struct format_options){.cell = {0, 0}};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("tif"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("tif"), &m, folder_out, &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	assert_non_null(strstr(err.hint, "--cell 1m"));
 	opt = (struct format_options){.cell = {1, 0}};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("tif"), &m, path_of("out"), &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("tif"), &m, folder_out, &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
 	assert_non_null(strstr(err.message, "--changed-since"));
 	opt = (struct format_options){0};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("gpkg"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("gpkg"), &m, folder_out, &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	assert_non_null(strstr(err.hint, "--interval 1m"));
 	opt = (struct format_options){.interval = {1, 0}};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("geojson"), &m, path_of("out"), &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("geojson"), &m, folder_out, &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
 	assert_non_null(strstr(err.message, "--changed-since"));
-	assert_int_equal(folder_count(dir), 0);
+	assert_int_equal(folder_count(folder_own), 0);
 	meshes_done(&m);
 }
 
@@ -507,7 +497,7 @@ static void test_nothing(void **state)
 
 		assert_int_equal(outputs_new(&ropt, &run, &err), 0);
 		if (row[i]->kind == FORMAT_NOTHING) {
-			assert_int_equal(outputs_add(run, path_of("out"), row[i], &opt, &err), -ERR_USAGE);
+			assert_int_equal(outputs_add(run, folder_out, row[i], &opt, &err), -ERR_USAGE);
 			assert_int_equal(outputs_add(run, NULL, row[i], &opt, &err), 0);
 			sink = outputs_sink(run);
 			assert_int_equal(meshes_send(&m, &sink, SIZE_MAX), 0);
@@ -522,7 +512,7 @@ static void test_nothing(void **state)
 		outputs_free(run);
 	}
 	assert_true(nothing > 0);
-	assert_int_equal(folder_count(dir), 0);
+	assert_int_equal(folder_count(folder_own), 0);
 	/* a tail that counts what did not come */
 	m.tail.vertices++;
 	for (size_t i = 0; i < n; i++) {
@@ -543,15 +533,6 @@ static void test_nothing(void **state)
 }
 
 /* The same on a file system without nameless files. */
-static int no_nameless(int dirfd, const char *path, int flags, mode_t mode)
-{
-	if ((flags & O_TMPFILE) == O_TMPFILE) {
-		errno = EOPNOTSUPP;
-		return -1;
-	}
-	return openat(dirfd, path, flags, mode);
-}
-
 static void test_named(void **state)
 {
 	table->openat = no_nameless;
@@ -572,12 +553,7 @@ int main(void)
 		cmocka_unit_test(test_table), cmocka_unit_test(test_tiles),           cmocka_unit_test(test_nothing),
 		cmocka_unit_test(test_named),
 	};
-	int failed;
 
 	table = no_sync();
-	repeat_folder(dir, sizeof dir, "format");
-	failed = cmocka_run_group_tests(tests, NULL, NULL);
-	sweep();
-	rmdir(dir);
-	return failed;
+	return folder_run(tests);
 }

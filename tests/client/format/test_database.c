@@ -13,15 +13,13 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "folder.h"
 #include "format_database.h"
 #include "io.h"
 #include "outfile.h"
-#include "repeat.h"
 
 /* So many rows of so many bytes do not fit in the memory for pages, so pages are written and read again before the end. */
 enum { ROWS = 1500, ROW = 6000, LARGE = 48 << 20 };
-
-static char dir[64], path[80];
 
 /* ---- file calls that fail ---- */
 
@@ -85,7 +83,7 @@ static int write_file(struct err *err)
 {
 	struct database d = {0};
 	struct outfile *out = NULL;
-	int r = outfile_new(path, false, &out, err);
+	int r = outfile_new(folder_out, false, &out, err);
 
 	reads = writes = 0;
 	if (!r)
@@ -112,22 +110,6 @@ static void expect(sqlite3 *db, const char *sql, const char *want)
 	sqlite3_finalize(s);
 }
 
-static char *slurp(size_t *ret_size)
-{
-	FILE *f = fopen(path, "rb");
-	char *bytes;
-
-	assert_non_null(f);
-	fseek(f, 0, SEEK_END);
-	*ret_size = (size_t)ftell(f);
-	rewind(f);
-	bytes = malloc(*ret_size);
-	assert_int_equal(fread(bytes, 1, *ret_size, f), *ret_size);
-	fclose(f);
-	assert_int_equal(unlink(path), 0);
-	return bytes;
-}
-
 /* ---- tests ---- */
 
 static void test_whole(void **state)
@@ -140,13 +122,13 @@ static void test_whole(void **state)
 	assert_true(reads > 100); /* what the next test lets fail */
 	assert_true(writes > (unsigned long)ROWS * ROW / 4096);
 	snprintf(count, sizeof(count), "%d", ROWS);
-	assert_int_equal(sqlite3_open_v2(path, &db, SQLITE_OPEN_READONLY, NULL), SQLITE_OK);
+	assert_int_equal(sqlite3_open_v2(folder_out, &db, SQLITE_OPEN_READONLY, NULL), SQLITE_OK);
 	expect(db, "PRAGMA integrity_check", "ok");
 	expect(db, "SELECT rtreecheck('b')", "ok");
 	expect(db, "SELECT count(*) FROM b", count);
 	expect(db, "SELECT count(*) FROM t WHERE length(v) = 6000 AND substr(v, 6000, 1) = substr(v, 1, 1)", count);
 	sqlite3_close(db);
-	unlink(path);
+	unlink(folder_out);
 	(void)state;
 }
 
@@ -160,10 +142,10 @@ static void failing(unsigned long *which, unsigned long calls, int number, enum 
 		*which = i;
 		assert_int_equal(write_file(&err), -(int)code);
 		assert_int_equal(err_exit_status(err.code), 74);
-		assert_string_equal(err.file, path);
+		assert_string_equal(err.file, folder_out);
 		assert_int_equal(err.sys, number);
-		assert_int_equal(rmdir(dir), 0); /* nothing is there */
-		assert_int_equal(mkdir(dir, 0700), 0);
+		assert_int_equal(rmdir(folder_own), 0); /* nothing is there */
+		assert_int_equal(mkdir(folder_own, 0700), 0);
 	}
 	*which = 0;
 }
@@ -174,7 +156,7 @@ static void test_errors(void **state)
 	struct err err = ERR_INIT;
 
 	assert_int_equal(write_file(&err), 0);
-	unlink(path);
+	unlink(folder_out);
 	nread = reads;
 	nwrite = writes;
 	failing(&fail_write, nwrite, ENOSPC, ERR_NOSPACE);
@@ -193,13 +175,13 @@ static void test_short(void **state)
 	assert_int_equal(write_file(&err), 0);
 	nread = reads;
 	nwrite = writes;
-	want = slurp(&size);
+	want = folder_file(folder_out, &size);
 	with = 0;
 	for (unsigned i = 1; i < 16; i++) {
 		fail_read = nread * i / 16;
 		fail_write = nwrite * i / 16;
 		assert_int_equal(write_file(&err), 0);
-		got = slurp(&n);
+		got = folder_file(folder_out, &n);
 		assert_int_equal(n, size);
 		assert_memory_equal(got, want, size);
 		free(got);
@@ -243,16 +225,10 @@ int main(void)
 		cmocka_unit_test(test_short),
 		cmocka_unit_test(test_memory),
 	};
-	int failed;
 
-	repeat_folder(dir, sizeof dir, "database");
-	snprintf(path, sizeof(path), "%s/out", dir);
 	table = io_system;
 	table.pread = test_pread;
 	table.pwrite = test_pwrite;
 	io = &table;
-	failed = cmocka_run_group_tests(tests, NULL, NULL);
-	unlink(path);
-	rmdir(dir);
-	return failed;
+	return folder_run(tests);
 }

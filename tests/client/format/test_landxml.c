@@ -64,19 +64,14 @@ static void expect_written(const struct meshes_spec *spec)
 	const struct format_options opt = {0};
 	struct meshes m;
 	struct readback_mesh f;
-	struct err err;
-	size_t size, piped_size;
-	char *text, *piped;
+	size_t size;
+	char *text;
 
 	meshes_make(&m, spec);
 	f = readback_flat(&m);
-	assert_int_equal(readback_write("landxml", "TIN.xml", &m, &opt, &err), 0);
-	text = readback_text("TIN.xml", &size);
+	text = readback_text("landxml", "TIN.xml", &m, &opt, &size);
 	expect_mesh(text, &f, spec->k);
-	piped = readback_piped("landxml", &m, &opt, &piped_size); /* its surface is named TIN, too */
-	assert_int_equal(piped_size, size);
-	assert_memory_equal(piped, text, size);
-	free(piped);
+	readback_same_piped("landxml", &m, &opt, text, size); /* its surface is named TIN, too */
 	free(text);
 	readback_flat_done(&f);
 	meshes_done(&m);
@@ -92,14 +87,12 @@ static void test_head(void **state)
 {
 	const struct format_options opt = {0};
 	struct meshes m;
-	struct err err;
 	size_t size;
 	char *text;
 	const char *at;
 
 	meshes_make(&m, &readback_small);
-	assert_int_equal(readback_write("landxml", "a <b> & \"c\" \xc3\xa4\xff.v2.xml", &m, &opt, &err), 0);
-	at = text = readback_text("a <b> & \"c\" \xc3\xa4\xff.v2.xml", &size);
+	at = text = readback_text("landxml", "a <b> & \"c\" \xc3\xa4\xff.v2.xml", &m, &opt, &size);
 	assert_string_equal(between(&at, "<Units>\n<", " "), "Metric");
 	assert_string_equal(between(&at, "linearUnit=\"", "\""), "meter");
 	assert_string_equal(between(&at, "<CoordinateSystem ", "/>"), "epsgCode=\"26910\" desc=\"EPSG:26910 second line\"");
@@ -149,7 +142,6 @@ static void test_system(void **state)
 	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
 		struct format_options opt = {.has_origin = row[i].moved, .z_unit = row[i].z_unit};
 		struct meshes m;
-		struct err err;
 		size_t size;
 		char *text, *at;
 
@@ -159,8 +151,7 @@ static void test_system(void **state)
 		m.head.epsg = row[i].epsg;
 		m.head.vertical = row[i].vertical;
 		m.head.wkt = row[i].wkt;
-		assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), 0);
-		text = readback_text("m.xml", &size);
+		text = readback_text("landxml", "m.xml", &m, &opt, &size);
 		at = strstr(text, "<CoordinateSystem");
 		assert_int_equal(at == NULL, row[i].said[0] == NULL);
 		at += at ? strlen("<CoordinateSystem") : 0;
@@ -179,7 +170,6 @@ static void test_converted(void **state)
 {
 	const struct format_options opt = {.z_unit = "metre"};
 	struct meshes m;
-	struct err err;
 	size_t size;
 
 	for (int vertical = 0; vertical < 2; vertical++) {
@@ -192,8 +182,7 @@ static void test_converted(void **state)
 		m.head.unit_z = "foot";
 		m.head.wkt = "LOCAL_CS[]";
 		m.head.epsg = 0;
-		assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), 0);
-		at = text = readback_text("m.xml", &size);
+		at = text = readback_text("landxml", "m.xml", &m, &opt, &size);
 		assert_string_equal(between(&at, "<CoordinateSystem ", "/>"),
 				    vertical ? "desc=\"site + feet\"" : "desc=\"site\" ogcWktCode=\"LOCAL_CS[]\"");
 		free(text);
@@ -230,13 +219,13 @@ static void test_units(void **state)
 		meshes_make(&m, &readback_small);
 		m.head.unit_xy = row[i].xy;
 		m.head.unit_z = row[i].z;
-		assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), row[i].said ? 0 : -ERR_USAGE);
 		if (row[i].said) {
-			text = readback_text("m.xml", &size);
+			text = readback_text("landxml", "m.xml", &m, &opt, &size);
 			assert_non_null(strstr(text, row[i].said));
 			assert_int_equal(strstr(text, "<Imperial") == NULL, !strcmp(row[i].xy, "metre"));
 			free(text);
 		} else {
+			assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), -ERR_USAGE);
 			assert_non_null(strstr(err.message, "LandXML"));
 			assert_non_null(strstr(err.hint, row[i].hint));
 		}
@@ -261,15 +250,13 @@ static void test_high_numbers(void **state)
 				    .final = final};
 	const struct format_options opt = {0};
 	struct meshes m;
-	struct err err;
 	size_t size;
 	char *text;
 
 	meshes_make(&m, &(struct meshes_spec){.scale_xy = "0.01", .scale_z = "1"});
 	m.block = &b;
 	m.nblock = 1;
-	assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), 0);
-	text = readback_text("m.xml", &size);
+	text = readback_text("landxml", "m.xml", &m, &opt, &size);
 	assert_non_null(strstr(text, "<P id=\"1099511627777\">0.00 0.00 0</P>\n"));
 	assert_non_null(strstr(
 		text, "<F>1099511627777 1099511627778 1099511627779</F>\n<F>4294967296 1099511627777 1099511627778</F>\n"));
@@ -286,13 +273,11 @@ static void test_canonical(void **state)
 
 	for (unsigned i = 0; i < 2; i++) {
 		struct meshes m;
-		struct err err;
 
 		spec.shuffle = i;
 		spec.strip = i ? 17 : 299;
 		meshes_make(&m, &spec);
-		assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), 0);
-		text[i] = readback_text("m.xml", &size[i]);
+		text[i] = readback_text("landxml", "m.xml", &m, &opt, &size[i]);
 		meshes_done(&m);
 	}
 	assert_int_equal(size[0], size[1]);

@@ -13,25 +13,20 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "folder.h"
 #include "meshes.h"
 #include "outputs.h"
-#include "repeat.h"
-
-static char dir[64], out[80];
 
 #define FAR (3ull << 32 | 5)
 
-static uint8_t *written(const struct format *f, uint64_t first, bool canonical, size_t *ret_size)
+static char *written(const struct format *f, uint64_t first, bool canonical, size_t *ret_size)
 {
 	const struct outputs_options ropt = {0};
 	struct format_options opt = meshes_options(f);
 	struct acut_mesh_sink sink;
 	struct outputs *run;
 	struct err err = ERR_INIT;
-	struct stat st;
 	struct meshes m;
-	uint8_t *bytes;
-	int fd;
 
 	opt.canonical = canonical;
 	opt.width = f->takes & FORMAT_SIZED ? 200 : 0;
@@ -42,20 +37,13 @@ static uint8_t *written(const struct format *f, uint64_t first, bool canonical, 
 			((uint64_t *)m.block[b].foreign)[k] += first;
 	}
 	assert_int_equal(outputs_new(&ropt, &run, &err), 0);
-	assert_int_equal(outputs_add(run, out, f, &opt, &err), 0);
+	assert_int_equal(outputs_add(run, folder_out, f, &opt, &err), 0);
 	sink = outputs_sink(run);
 	assert_int_equal(meshes_send(&m, &sink, SIZE_MAX), 0);
 	assert_int_equal(outputs_publish(run, &err), 0);
 	outputs_free(run);
 	meshes_done(&m);
-	fd = open(out, O_RDONLY);
-	assert_int_equal(fstat(fd, &st), 0);
-	*ret_size = (size_t)st.st_size;
-	bytes = malloc(*ret_size);
-	assert_int_equal(read(fd, bytes, *ret_size), *ret_size);
-	close(fd);
-	unlink(out);
-	return bytes;
+	return folder_file(folder_out, ret_size);
 }
 
 static void test_far_numbers(void **state)
@@ -65,7 +53,7 @@ static void test_far_numbers(void **state)
 
 	for (size_t i = 0; i < n; i++) {
 		size_t size[2];
-		uint8_t *bytes[2];
+		char *bytes[2];
 
 		bool canonical = row[i]->takes & FORMAT_CANONICAL;
 
@@ -90,7 +78,7 @@ static void test_far_texts(void **state)
 	for (size_t i = 0; i < sizeof formats / sizeof *formats; i++) {
 		const struct format *f = format_find(formats[i]);
 		size_t size[2], numbers = 0, at[2] = {0, 0};
-		uint8_t *bytes[2] = {written(f, 0, false, &size[0]), written(f, FAR, false, &size[1])};
+		char *bytes[2] = {written(f, 0, false, &size[0]), written(f, FAR, false, &size[1])};
 
 		while (at[0] < size[0] && at[1] < size[1]) {
 			char *end[2];
@@ -103,10 +91,9 @@ static void test_far_texts(void **state)
 			for (int k = 0; k < 2; k++)
 				while (at[k] && bytes[k][at[k] - 1] >= '0' && bytes[k][at[k] - 1] <= '9')
 					at[k]--;
-			assert_int_equal(strtoull((char *)bytes[0] + at[0], &end[0], 10) + FAR,
-					 strtoull((char *)bytes[1] + at[1], &end[1], 10));
+			assert_int_equal(strtoull(bytes[0] + at[0], &end[0], 10) + FAR, strtoull(bytes[1] + at[1], &end[1], 10));
 			for (int k = 0; k < 2; k++)
-				at[k] = (size_t)((uint8_t *)end[k] - bytes[k]);
+				at[k] = (size_t)(end[k] - bytes[k]);
 			numbers++;
 		}
 		assert_true(at[0] == size[0] && at[1] == size[1] && numbers > 10000);
@@ -118,11 +105,6 @@ static void test_far_texts(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_far_numbers), cmocka_unit_test(test_far_texts)};
-	int failed;
 
-	repeat_folder(dir, sizeof dir, "numbers");
-	snprintf(out, sizeof(out), "%s/out", dir);
-	failed = cmocka_run_group_tests(tests, NULL, NULL);
-	rmdir(dir);
-	return failed;
+	return folder_run(tests);
 }

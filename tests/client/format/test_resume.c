@@ -13,12 +13,10 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "folder.h"
 #include "meshes.h"
 #include "no_sync.h"
 #include "outputs.h"
-#include "repeat.h"
-
-static char dir[64], out[80];
 
 /* The faces of a block fill the buffer of an output (OUTFILE_BUFFER), so they are joined as those of large meshes are. */
 static const struct meshes_spec grid = {.columns = 900,
@@ -33,32 +31,11 @@ static const struct meshes_spec grid = {.columns = 900,
 					.scale_z = "0.01",
 					.k = {50000000, 400000000, 0}};
 
-static char *slurp(size_t *ret_size)
-{
-	FILE *f = fopen(out, "rb");
-	char *bytes;
-
-	assert_non_null(f);
-	fseek(f, 0, SEEK_END);
-	*ret_size = (size_t)ftell(f);
-	rewind(f);
-	bytes = malloc(*ret_size + 1);
-	assert_int_equal(fread(bytes, 1, *ret_size, f), *ret_size);
-	fclose(f);
-	return bytes;
-}
-
 /* Only the output is there. */
 static void alone(void)
 {
-	DIR *d = opendir(dir);
-	struct dirent *e;
-
-	while ((e = readdir(d)))
-		if (*e->d_name != '.')
-			assert_string_equal(e->d_name, "out");
-	closedir(d);
-	assert_int_equal(unlink(out), 0);
+	assert_int_equal(folder_count(folder_own), 1);
+	assert_int_equal(unlink(folder_out), 0);
 }
 
 /* Blocks from `from` on: to the end and published, or up to `stop`, of which the last is not saved if `lost`. Returns the number
@@ -73,7 +50,7 @@ static size_t run(const struct format *f, const struct meshes *m, size_t from, s
 	size_t size, saved = from;
 
 	assert_int_equal(outputs_new(&ropt, &run, &err), 0);
-	assert_int_equal(outputs_add(run, out, f, &opt, &err), 0);
+	assert_int_equal(outputs_add(run, folder_out, f, &opt, &err), 0);
 	assert_int_equal(outputs_keep(run, 1, from > 0, &err), 0);
 	assert_int_equal(outputs_kept(run, &size) != NULL, from > 0);
 	sink = outputs_sink(run);
@@ -109,7 +86,7 @@ static void test_resume(void **state)
 		meshes_make(&m, &grid);
 		assert_true(m.nblock > 3);
 		run(row[i], &m, 0, SIZE_MAX, false);
-		want = slurp(&size);
+		want = folder_file(folder_out, &size);
 		alone();
 		for (size_t stop = 1; stop <= m.nblock; stop++)
 			for (unsigned lost = 0; lost < 2; lost++) {
@@ -119,7 +96,7 @@ static void test_resume(void **state)
 				if (!saved)
 					continue;
 				run(row[i], &m, saved, SIZE_MAX, false);
-				got = slurp(&got_size);
+				got = folder_file(folder_out, &got_size);
 				alone();
 				assert_int_equal(got_size, size);
 				assert_memory_equal(got, want, size);
@@ -135,13 +112,7 @@ static void test_resume(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume)};
-	int failed;
 
 	no_sync();
-	repeat_folder(dir, sizeof dir, "resume");
-	snprintf(out, sizeof(out), "%s/out", dir);
-	failed = cmocka_run_group_tests(tests, NULL, NULL);
-	if (!failed)
-		rmdir(dir);
-	return failed;
+	return folder_run(tests);
 }

@@ -14,18 +14,9 @@
 #include "outputs.h"
 #include "meshes.h"
 #include "no_sync.h"
-#include "repeat.h"
-
-static char dir[64];
 
 /* meshes_many, moved across x = 0. */
 static struct meshes_spec many;
-
-static char *path_of(const char *name, char buf[512])
-{
-	snprintf(buf, 512, "%s/%s", dir, name);
-	return buf;
-}
 
 static int stop_after;
 
@@ -58,9 +49,9 @@ static void test_memory(void **state)
 
 		stop_after = -1;
 		snprintf(name, sizeof(name), "large%u", i);
-		assert_int_equal(write_tiles(&m, path_of(name, a), format[i % 3], side[i / 3], 0, &large, &err), 0);
+		assert_int_equal(write_tiles(&m, folder_path(name, a), format[i % 3], side[i / 3], 0, &large, &err), 0);
 		snprintf(name, sizeof(name), "little%u", i);
-		assert_int_equal(write_tiles(&m, path_of(name, b), format[i % 3], side[i / 3], 256 << 10, &little, &err), 0);
+		assert_int_equal(write_tiles(&m, folder_path(name, b), format[i % 3], side[i / 3], 256 << 10, &little, &err), 0);
 		assert_int_equal(large.tiles + 1, folder_count(a));
 		assert_int_equal(large.bytes, little.bytes);
 		assert_true(i / 3 == 0 ? large.tiles == 2 : large.tiles > 10);
@@ -81,7 +72,7 @@ static void test_interrupted(void **state)
 		struct err err = ERR_INIT;
 
 		stop_after = n;
-		assert_int_equal(write_tiles(&m, path_of("stopped", a), "ply", "3.2", 0, &report, &err), -ERR_CANCELLED);
+		assert_int_equal(write_tiles(&m, folder_path("stopped", a), "ply", "3.2", 0, &report, &err), -ERR_CANCELLED);
 		assert_int_equal(folder_count(a), -1);
 	}
 	stop_after = -1;
@@ -97,7 +88,7 @@ static void test_outside(void **state)
 
 	meshes_make(&m, &many);
 	m.head.box[3] -= 1000;
-	assert_int_equal(write_tiles(&m, path_of("outside", a), "ply", "1", 0, &report, &err), -ERR_PROTO);
+	assert_int_equal(write_tiles(&m, folder_path("outside", a), "ply", "1", 0, &report, &err), -ERR_PROTO);
 	assert_non_null(strstr(err.message, "outside of the box"));
 	assert_int_equal(folder_count(a), -1);
 	meshes_done(&m);
@@ -117,7 +108,7 @@ static void test_two_heights(void **state)
 	v[1][0] = v[0][0];
 	v[1][1] = v[0][1];
 	v[1][2] = v[0][2] + 1;
-	assert_int_equal(write_tiles(&m, path_of("heights", a), "ply", "1000", 0, &report, &err), -ERR_PROTO);
+	assert_int_equal(write_tiles(&m, folder_path("heights", a), "ply", "1000", 0, &report, &err), -ERR_PROTO);
 	assert_non_null(strstr(err.message, "two heights"));
 	meshes_done(&m);
 }
@@ -137,12 +128,12 @@ static void test_numbers(void **state)
 	far.scale_xy = "1";
 	far.step = 1;
 	meshes_make(&m, &far);
-	assert_int_equal(write_tiles(&m, path_of("far", a), "obj", "4611686018427387904", 0, &report, &err), 0);
+	assert_int_equal(write_tiles(&m, folder_path("far", a), "obj", "4611686018427387904", 0, &report, &err), 0);
 	assert_int_equal(report.tiles, 1);
 	text = folder_read(a, "index.geojson", &n);
 	assert_non_null(strstr(text, "\"column\":0,\"row\":-1"));
 	free(text);
-	assert_int_equal(write_tiles(&m, path_of("small", a), "obj", "0.000000001", 0, &report, &err), -ERR_USAGE);
+	assert_int_equal(write_tiles(&m, folder_path("small", a), "obj", "0.000000001", 0, &report, &err), -ERR_USAGE);
 	meshes_done(&m);
 }
 
@@ -152,14 +143,9 @@ int main(void)
 		cmocka_unit_test(test_memory),      cmocka_unit_test(test_interrupted), cmocka_unit_test(test_outside),
 		cmocka_unit_test(test_two_heights), cmocka_unit_test(test_numbers),
 	};
-	char command[128];
-	int r;
 
 	many = meshes_many;
 	many.k[0] = -700;
 	no_sync();
-	repeat_folder(dir, sizeof dir, "tiles");
-	r = cmocka_run_group_tests(tests, NULL, NULL);
-	snprintf(command, sizeof(command), "rm -r %s", dir);
-	return system(command) || r;
+	return folder_run(tests);
 }

@@ -7,10 +7,9 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "folder.h"
 #include "written.h"
-#include "repeat.h"
 
-static char dir[64];
 static char out[512];
 
 const struct meshes_spec written_grid = {.columns = 50,
@@ -30,7 +29,7 @@ int written_as(const char *name, const struct meshes *m, const struct format_opt
 {
 	const struct outputs_options plain = {0};
 
-	snprintf(out, sizeof(out), "%s/out.%s", dir, name);
+	snprintf(out, sizeof(out), "%s/out.%s", folder_own, name);
 	return meshes_write(m, out, format_find(name), opt, ropt ? ropt : &plain, report, err);
 }
 
@@ -41,15 +40,5 @@ const char *written_path(void)
 
 int written_run(const struct CMUnitTest *tests, size_t n)
 {
-	static const char *const ending[] = {"ply", "obj", "png"};
-	int failed;
-
-	repeat_folder(dir, sizeof dir, "written");
-	failed = _cmocka_run_group_tests("tests", tests, n, NULL, NULL);
-	for (int i = 0; i < 3; i++) {
-		snprintf(out, sizeof(out), "%s/out.%s", dir, ending[i]);
-		unlink(out);
-	}
-	rmdir(dir);
-	return failed;
+	return _cmocka_run_group_tests("tests", tests, n, folder_begin, folder_end);
 }

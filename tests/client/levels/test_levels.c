@@ -17,28 +17,12 @@
 #include "meshes.h"
 #include "outfile.h"
 #include "outputs.h"
-#include "repeat.h"
 
-static char dir[64];
 static int stop_after = -1;
 
 static int stop(void *ctx)
 {
 	return stop_after >= 0 && stop_after-- == 0;
-}
-
-static char *path_of(const char *name, char buf[512])
-{
-	snprintf(buf, 512, "%s/%s", dir, name);
-	return buf;
-}
-
-static void sweep(const char *folder)
-{
-	char command[1024];
-
-	snprintf(command, sizeof(command), "rm -rf %s", folder);
-	assert_int_equal(system(command), 0);
 }
 
 /* ---- the room: small leaves ---- */
@@ -130,13 +114,13 @@ static void test_order_and_memory(void **state)
 {
 	char a[512], b[512], *first, *other;
 
-	make(path_of("first", a), 1, 0, &first);
+	make(folder_path("first", a), 1, 0, &first);
 	assert_non_null(strstr(first, "\"triangles\":7000,\"grid\":true"));
 	for (int i = 0; i < 2; i++) {
-		make(path_of("other", b), i ? 7 : 3599, i ? 0 : 1, &other);
+		make(folder_path("other", b), i ? 7 : 3599, i ? 0 : 1, &other);
 		assert_string_equal(first, other);
 		folder_same(a, b);
-		sweep(b);
+		assert_int_equal(repeat_remove(b), 0);
 		free(other);
 	}
 	free(first);
@@ -149,7 +133,7 @@ static void test_what_is_no_mesh(void **state)
 	const int32_t a[3] = {0, 100, 0}, b[3] = {9, 100, 0}, c[3] = {0, 109, 0}, out[2][3] = {{0, 76, 0}, {8000, 100, 0}};
 	char path[512];
 
-	folder_open(&f, path_of("wrong", path), 0, &err);
+	folder_open(&f, folder_path("wrong", path), 0, &err);
 	for (int i = 0; i < 2; i++) {
 		assert_int_equal(levels_triangle(f.levels, (const int32_t *const[3]){out[i], b, c}, &err), -ERR_PROTO);
 		assert_non_null(strstr(err.message, "outside of the box"));
@@ -206,17 +190,17 @@ static void test_whole(void **state)
 		struct err err = ERR_INIT;
 		struct meshes m;
 
-		snprintf(place, sizeof(place), "%s/%d", dir, i);
+		snprintf(place, sizeof(place), "%s/%d", folder_own, i);
 		assert_int_equal(mkdir(place, 0700), 0);
 		snprintf(place, sizeof(place), "%d/survey", i); /* which is in the page */
 		meshes_make(&m, spec[i]);
-		assert_int_equal(write_folder(&m, path_of(place, a), SIZE_MAX, false, &report, &err), 0);
+		assert_int_equal(write_folder(&m, folder_path(place, a), SIZE_MAX, false, &report, &err), 0);
 		assert_int_equal(report.tiles, i > 1);
 		assert_int_equal(folder_count(a), 1 + (i > 1));
 		assert_true(report.bytes > 0);
 		meshes_done(&m);
 	}
-	folder_same(path_of("2/survey", a), path_of("3/survey", b));
+	folder_same(folder_path("2/survey", a), folder_path("3/survey", b));
 }
 
 /* It stays as it was: where there was none, where there was one, before the tail, at each moment of the making, with a full disk.
@@ -272,13 +256,13 @@ static void test_failures_change_nothing(void **state)
 	size_t n;
 
 	meshes_make(&m, &meshes_many);
-	unchanged(&m, path_of("kept", path), NULL);
+	unchanged(&m, folder_path("kept", path), NULL);
 	assert_int_equal(write_folder(&m, path, SIZE_MAX, false, &report, &err), 0);
 	was = folder_read(path, "index.html", &n);
 	unchanged(&m, path, was);
 	assert_int_equal(write_folder(&m, path, SIZE_MAX, true, &report, &err), -ERR_USAGE);
 	assert_int_equal(unlink(strcat(path, "/index.html")), 0);
-	path_of("kept", path);
+	folder_path("kept", path);
 	err = ERR_INIT;
 	assert_int_equal(write_folder(&m, path, SIZE_MAX, true, &report, &err), -ERR_USAGE); /* its tile */
 	assert_int_equal(folder_count(path), 1);
@@ -294,10 +278,6 @@ int main(void)
 		cmocka_unit_test(test_whole),
 		cmocka_unit_test(test_failures_change_nothing),
 	};
-	int r;
 
-	repeat_folder(dir, sizeof(dir), "levels");
-	r = cmocka_run_group_tests(tests, NULL, NULL);
-	sweep(dir);
-	return r;
+	return folder_run(tests);
 }

@@ -4,18 +4,11 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 import tempfile
 
+from checks import asked, check, end
+
 CLUSTER, TASK, SOURCE = os.environ["ACUT_CLUSTER"], os.environ["ACUT_TASK_PROGRAM"], os.environ["ACUT_SOURCE"]
-failed = 0
-
-
-def check(what, cond, detail=""):
-    global failed
-    if not cond:
-        failed += 1
-        print("FAIL", what, detail)
 
 
 def run(*args, program=CLUSTER, cwd=None):
@@ -292,9 +285,9 @@ def completion():
             check(shell, "acut-cluster complete" in f.read().replace("_acut_cluster complete", ""), "")
 
 
-for part in (refusals, owners, scripts, settings, sizes, json_names):
+for part in asked(refusals, owners, scripts, settings, sizes, json_names):
     with tempfile.TemporaryDirectory() as base:
         part(base)
 pages()
 completion()
-raise SystemExit(1 if failed else 0)
+end()

@@ -7,20 +7,12 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
 import e2e
+from checks import asked, check, end
 
 CLUSTER, TASK, ACUTD, ACUTCTL, SYNTH = (os.environ[n] for n in ("ACUT_CLUSTER", "ACUT_TASK_PROGRAM", "ACUTD", "ACUTCTL", "ACUT_SYNTH"))
-failed = 0
-
-
-def check(what, cond, detail=""):
-    global failed
-    if not cond:
-        failed += 1
-        print("FAIL", what, detail, flush=True)
 
 
 def run(*args, env=None, status=0, cwd=None, timeout=300):
@@ -108,11 +100,14 @@ def interrupted(base):
     with open(slow, "w") as f:
         f.write('#!/bin/sh\n[ -e %s/go ] || sleep 60\nexec %s "$@"\n' % (base, TASK))
     os.chmod(slow, 0o755)
-    p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
-                         env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    end = time.time() + 30
-    while not os.path.exists(work + "/log/head-0") and time.time() < end:
-        time.sleep(0.05)
+
+    def start():
+        p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
+                             env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        e2e.until(lambda: os.path.exists(work + "/log/head-0"), "the head does not begin")
+        return p
+
+    p = start()
     s = show(work)
     check("seen from outside", s["state"] == "running" and s["phases"][0]["running"] == 1 and s["phases"][1]["waiting"] > 0, str(s))
     run(CLUSTER, "clean", work, "--force", status=1)
@@ -128,11 +123,7 @@ def interrupted(base):
     check("resumed", show(work)["state"] == "done")
     run(CLUSTER, "clean", work, "--force")
     check("nothing is left", not os.path.exists(work))
-    p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
-                         env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    end = time.time() + 30
-    while not os.path.exists(work + "/log/head-0") and time.time() < end:
-        time.sleep(0.05)
+    p = start()
     q = run(CLUSTER, "cancel", work)
     out = p.communicate(timeout=30)[0]
     check("a run that is cancelled while it is waited for", p.returncode == 1 and "the run was cancelled" in out and "1 job;" in q.stdout + q.stderr,
@@ -351,13 +342,10 @@ def output_tiles(base):
 
 
 def main(*parts):
-    for part in parts:
-        if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
-            begun = time.time()
-            with tempfile.TemporaryDirectory() as base:
-                part(base)
-            print("%s: %.1f s" % (part.__name__, time.time() - begun), flush=True)
-    raise SystemExit(1 if failed else 0)
+    for part in asked(*parts):
+        with tempfile.TemporaryDirectory() as base:
+            part(base)
+    end()
 
 
 if __name__ == "__main__":

@@ -7,8 +7,9 @@ import subprocess
 import time
 
 import e2e
+from checks import check
 from cluster_tasks import stl_triangles
-from run import CLUSTER, TASK, Daemon, check, main, run, same, show, sums, tiles
+from run import CLUSTER, TASK, Daemon, main, run, same, show, sums, tiles
 from slurm_test import slurm
 
 PHASES = ("head", "stage", "sort", "commit", "plan", "mesh", "sum", "gather", "finish")

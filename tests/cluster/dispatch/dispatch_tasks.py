@@ -1,28 +1,17 @@
-"""Shared by local.py and slurm.py: work folders whose tasks run a line of shell, and dispatch-run over them."""
+"""Shared by local.py, slurm.py and fake.py: work folders whose tasks run a line of shell, and dispatch-run over them."""
 import os
 import subprocess
 
 RUN = os.environ["DISPATCH_RUN"]
-failed = 0
-
-
-def check(what, cond, detail=""):
-    global failed
-    if not cond:
-        failed += 1
-        print("FAIL", what, detail, flush=True)
-
-
-def end():
-    raise SystemExit(1 if failed else 0)
 
 
 class Tasks:
-    """Tasks run `body` with $w, $p and $i, then are done."""
+    """Tasks run `body` with $w, $p and $i, then are done. The folder "bin" is the first of PATH."""
     name = "it's a task"
 
     def __init__(self, path, scheduler, id, body, poll, env=None):
-        self.path, self.scheduler, self.id, self.poll, self.env = path, scheduler, id, poll, {**os.environ, **(env or {})}
+        self.path, self.scheduler, self.id, self.poll = path, scheduler, id, poll
+        self.env = {**os.environ, "PATH": path + "/bin:" + os.environ["PATH"], **(env or {})}
         for folder in ("log", "done", "bin"):
             os.makedirs(os.path.join(path, folder))
         self.task = os.path.join(path, self.name)

@@ -1,11 +1,12 @@
 """What is asked of Slurm, with commands of a test's own in its place: a queue in a file, and states of tasks that are fixed in advance."""
 import json
 import os
-import subprocess
 import sys
 import tempfile
 
-RUN = os.environ["DISPATCH_RUN"]
+from checks import asked, check, end
+from dispatch_tasks import Tasks
+
 FAKE = r'''#!%s -S
 import json, os, re, sys
 here, name, args = os.path.dirname(os.path.abspath(__file__)), os.path.basename(sys.argv[0]), sys.argv[1:]
@@ -43,37 +44,19 @@ with open(path, "w") as f:
     json.dump(s, f)
 sys.exit(status)
 '''
-failed = 0
 
 
-def check(what, cond, detail=""):
-    global failed
-    if not cond:
-        failed += 1
-        print("FAIL", what, detail)
-
-
-class Work:
+class Work(Tasks):
     """`states`: of a task as "a-0", one a submission; then it is done."""
 
-    def __init__(self, base, states=None, queue=(), stubborn=(), ends=(), array=1001, name=None):
-        self.path = os.path.join(base, name) if name else tempfile.mkdtemp(dir=base)
-        for d in ("log", "done", "bin"):
-            os.makedirs(os.path.join(self.path, d))
+    def __init__(self, base, states=None, queue=(), stubborn=(), ends=(), array=1001):
+        super().__init__(tempfile.mkdtemp(dir=base), "slurm", "77", "", "0.1")
         for name in ("fake", "sbatch", "squeue", "scontrol", "scancel"):
             with open(os.path.join(self.path, "bin", name), "w") as f:
                 f.write(FAKE.replace("%s", sys.executable, 1))
             os.chmod(f.name, 0o755)
         with open(self.path + "/bin/state.json", "w") as f:
             json.dump({"calls": [], "queue": [list(q) for q in queue], "states": states or {}, "job": 100, "array": array, "stubborn": list(stubborn), "ends": list(ends)}, f)
-
-    def run(self, command, *phases, **env):
-        p = subprocess.run([RUN, "slurm", self.path, "77", "/task", "0.1", command, *phases], capture_output=True, text=True, timeout=60,
-                           env={**os.environ, "PATH": self.path + "/bin:" + os.environ["PATH"], **env})
-        return p.returncode, p.stdout + p.stderr
-
-    def done(self):
-        return sorted(os.listdir(self.path + "/done"))
 
     def state(self):
         with open(self.path + "/bin/state.json") as f:
@@ -152,7 +135,6 @@ def owner(base):
 
 
 with tempfile.TemporaryDirectory() as base:
-    for part in (limits, attempts, cancel, environment, most, owner):
-        if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
-            part(base)
-raise SystemExit(1 if failed else 0)
+    for part in asked(limits, attempts, cancel, environment, most, owner):
+        part(base)
+end()

@@ -7,7 +7,9 @@ import subprocess
 import tempfile
 import time
 
-from dispatch_tasks import Tasks, check, end
+from checks import asked, check, end
+from dispatch_tasks import Tasks
+from e2e import until
 
 
 class Work(Tasks):
@@ -60,27 +62,16 @@ def lives(pid):
         return False
 
 
-def wait_for(cond):
-    end = time.time() + 20
-    while not cond() and time.time() < end:
-        time.sleep(0.05)
-    check("in time", cond())
-
-
 def stop(base):
     for how in (signal.SIGTERM, signal.SIGINT, signal.SIGKILL):
         w = Work(base, 'echo $$ >"$w/pid-$i"; exec sleep 50')
         p = w.start("wait", "a=2")
-        end = time.time() + 20
-        while not all(os.path.exists(w.path + "/pid-%d" % i) and os.path.getsize(w.path + "/pid-%d" % i) for i in (0, 1)):
-            check("tasks begin", time.time() < end)
-            time.sleep(0.05)
+        until(lambda: all(os.path.exists(w.path + "/pid-%d" % i) and os.path.getsize(w.path + "/pid-%d" % i) for i in (0, 1)), "no task begins")
         pids = [int(open(w.path + "/pid-%d" % i).read()) for i in (0, 1)]
         p.send_signal(how)
         status = p.wait(20)
-        end = time.time() + (20 if how == signal.SIGKILL else 0)  # it could not wait for them
-        while any(lives(n) for n in pids) and time.time() < end:
-            time.sleep(0.05)
+        if how == signal.SIGKILL:  # it could not wait for them
+            until(lambda: not any(lives(n) for n in pids), "the tasks of a killed driver live")
         check("a driver that ends with %s ends its tasks" % how.name, not any(lives(n) for n in pids), str(pids))
         check("its status", status == (3 if how != signal.SIGKILL else -9), str(status))
 
@@ -109,7 +100,7 @@ def two(base):
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done; sleep 0.05')
     phases = ["a=6", "b=3"]
     p = w.start("wait", *phases)
-    wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
+    until(lambda: os.path.exists(w.path + "/log/a-0"), "no task begins")
     q = w.start("wait", *phases)
     time.sleep(0.5)
     open(w.path + "/go", "w").close()
@@ -125,7 +116,7 @@ def two(base):
     check("and goes on", p.returncode == 0 and "b 3 0 0 0" in out and "again" not in out, out)
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done')
     p = w.start("wait", *phases)
-    wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
+    until(lambda: os.path.exists(w.path + "/log/a-0"), "no task begins")
     q = w.start("wait", *phases)
     time.sleep(0.5)
     p.kill()
@@ -134,7 +125,7 @@ def two(base):
     check("it goes on", p.wait(20) == -9 and q.returncode == 0 and len(w.done()) == 9, out)
     w = Work(base, 'exec sleep 50')
     p = w.start("wait", *phases)
-    wait_for(lambda: os.path.exists(w.path + "/log/a-0"))
+    until(lambda: os.path.exists(w.path + "/log/a-0"), "no task begins")
     q = w.start("cancel", *phases)
     check("cancel ends the driver", p.wait(20) == 3 and q.wait(20) == 0)
 
@@ -153,10 +144,6 @@ def script(base):
 
 
 with tempfile.TemporaryDirectory() as base:
-    order(base)
-    failures(base)
-    stop(base)
-    two(base)
-    at_once(base)
-    script(base)
+    for part in asked(order, failures, stop, two, at_once, script):
+        part(base)
 end()

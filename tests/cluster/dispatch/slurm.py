@@ -7,7 +7,8 @@ import tempfile
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
-from dispatch_tasks import Tasks, check, end
+from checks import asked, check, end
+from dispatch_tasks import Tasks
 from slurm_test import slurm
 
 
@@ -53,13 +54,12 @@ def lost_reply(base, s):
     """sbatch submits, and says that it could not; once that it has not submitted; and once it is refused for good."""
     w = Work(base, s, "sleep 1", "a=2", "b=1")
     real = subprocess.run(["which", "sbatch"], capture_output=True, text=True).stdout.strip()
-    path = {"PATH": w.path + "/bin:" + os.environ["PATH"]}
     with open(w.path + "/bin/sbatch", "w") as f:
         f.write('#!/bin/bash\necho x >>"$(dirname "$0")/calls"\nn=$(wc -l <"$(dirname "$0")/calls")\n[ $n = 1 ] && { %s "$@" >/dev/null || exit; }\n'
                 '[ $n -le 2 ] && { echo "sbatch: error: Batch job submission failed: Socket timed out on send/recv operation" >&2; exit 1; }\n'
                 'exec %s "$@"\n' % (real, real))
     os.chmod(w.path + "/bin/sbatch", 0o755)
-    status, out = w.run("wait", **path)
+    status, out = w.run("wait")
     check("a lost reply", status == 0 and out.count("it is looked for by its name") == 2 and w.logs().count(" begins on ") == 3, out + w.logs())
     with open(w.path + "/bin/calls") as f:
         check("submissions", len(f.read().split()) == 3)
@@ -103,7 +103,7 @@ echo "sbatch: error: Batch job submission failed: Job violates accounting/QOS po
 exit 1
 """ % real)
     os.chmod(w.path + "/bin/sbatch", 0o755)
-    status, out = w.run("wait", PATH=w.path + "/bin:" + os.environ["PATH"])
+    status, out = w.run("wait")
     check("a queue with little room", status == 0 and w.logs().count(" begins on ") == 10 and
           os.path.getsize(w.path + "/bin/refused") > 0, out + w.logs())
 
@@ -183,9 +183,6 @@ def drained(base, s):
 
 
 with tempfile.TemporaryDirectory() as base, slurm(base + "/slurm", 3, array=6) as s:
-    for part in (chain, throttle, lost_reply, full, killed, memory, cancelled, drained, node_lost, controller):
-        if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
-            begun = time.time()
-            part(base, s)
-            print("%s: %.1f s" % (part.__name__, time.time() - begun), flush=True)
+    for part in asked(chain, throttle, lost_reply, full, killed, memory, cancelled, drained, node_lost, controller):
+        part(base, s)
 end()

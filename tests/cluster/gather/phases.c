@@ -180,7 +180,7 @@ static int late(const char *phase, int argc, char **argv)
 {
 	bool one = !strcmp(phase, "gather");
 	struct ctl_fetch_options options = {.tile = NULL};
-	struct gather_params p = {.outputs = &options, .interrupted = interrupted};
+	struct gather_params p = {.outputs = &options};
 	struct err err = ERR_INIT;
 	struct work *work = NULL;
 	uint32_t again = 0;
@@ -191,6 +191,7 @@ static int late(const char *phase, int argc, char **argv)
 	r = work_open(argv[0], &work, &err);
 	if (!r) {
 		p.work = work;
+		work_set_interrupt(work, interrupted, NULL);
 		p.memory = work_about(work)->memory;
 		if (getenv("PHASES_MEMORY"))
 			p.memory = strtoull(getenv("PHASES_MEMORY"), NULL, 10);

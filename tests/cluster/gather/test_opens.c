@@ -340,18 +340,12 @@ static int setup(void **state)
 {
 	(void)state;
 	no_sync();
-	repeat_folder(run_top, sizeof(run_top), "opens");
+	run_begin(state);
 	snprintf(out, sizeof(out), "%s/out.ply", run_top);
 	usual = io;
 	table = *usual;
 	table.openat = count_openat;
 	return 0;
-}
-
-static int teardown(void **state)
-{
-	(void)state;
-	return repeat_remove(run_top);
 }
 
 int main(void)
@@ -361,5 +355,5 @@ int main(void)
 		cmocka_unit_test(test_records), cmocka_unit_test(test_largest),  cmocka_unit_test(test_memory),
 	};
 
-	return cmocka_run_group_tests(tests, setup, teardown);
+	return cmocka_run_group_tests(tests, setup, run_end);
 }

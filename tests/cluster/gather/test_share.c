@@ -332,16 +332,6 @@ static void begin_medium(struct sharing *s, uint32_t gathers)
 	begin_some(s, 4000, gathers);
 }
 
-static unsigned asked, kill_at;
-
-static int interrupted(void *ctx)
-{
-	(void)ctx;
-	if (kill_at && ++asked == kill_at)
-		raise(SIGKILL);
-	return 0;
-}
-
 /* A process of its own; task of gather, or finish. `at`: it is killed when it asks so often whether it was interrupted. */
 static pid_t start(const struct sharing *s, uint32_t task, unsigned at)
 {
@@ -351,10 +341,7 @@ static pid_t start(const struct sharing *s, uint32_t task, unsigned at)
 		struct gather_params p = s->p;
 		struct err err = ERR_INIT;
 
-		p.interrupted = interrupted;
-		kill_at = at;
-		if (work_open(s->run.folder, &p.work, &err))
-			_exit(1);
+		p.work = run_opened(&s->run, at);
 		work_set_patience(p.work, 5);
 		if (gather_sum(&p, &err))
 			_exit(1);
@@ -497,9 +484,9 @@ static int gate[2] = {-1, -1}; /* an attempt waits here, when it asks whether it
 
 static int wait_gate(void *ctx)
 {
+	static unsigned asked;
 	char byte;
 
-	(void)ctx;
 	if (++asked == 6) {
 		assert_int_equal(write(gate[1], "w", 1), 1);
 		assert_int_equal(read(gate[1], &byte, 1), 1);
@@ -530,10 +517,8 @@ static void test_open_late(void **state)
 	if (pid == 0) {
 		struct gather_params p = s.p;
 
-		asked = 0;
-		p.interrupted = wait_gate;
-		if (work_open(s.run.folder, &p.work, &err))
-			_exit(1);
+		p.work = run_opened(&s.run, 0);
+		work_set_interrupt(p.work, wait_gate, NULL);
 		_exit(gather_task(&p, 1, &err) != 0);
 	}
 	assert_int_equal(read(gate[0], &byte, 1), 1);
@@ -684,17 +669,10 @@ static void test_failures(void **state)
 
 static int setup(void **state)
 {
-	(void)state;
 	no_sync();
-	repeat_folder(run_top, sizeof(run_top), "share");
+	run_begin(state);
 	out_make(run_top);
 	return 0;
-}
-
-static int teardown(void **state)
-{
-	(void)state;
-	return repeat_remove(run_top);
 }
 
 int main(void)
@@ -705,5 +683,5 @@ int main(void)
 		cmocka_unit_test(test_open_late), cmocka_unit_test(test_torn),     cmocka_unit_test(test_failures),
 	};
 
-	return cmocka_run_group_tests(tests, setup, teardown);
+	return cmocka_run_group_tests(tests, setup, run_end);
 }

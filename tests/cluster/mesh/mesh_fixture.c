@@ -4,6 +4,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +14,7 @@
 
 #include "io.h"
 #include "mesh_fixture.h"
+#include "repeat.h"
 
 enum { SOURCES = 5, EMITTER = 1 << 20 };
 
@@ -306,6 +308,37 @@ void compare(const struct run *run, const struct whole *want)
 		assert_memory_equal(sums.counts.removed, want->totals.counts.removed, sizeof sums.counts.removed);
 	}
 	whole_free(&got);
+}
+
+static unsigned asked, kill_at;
+
+static int killed(void *ctx)
+{
+	if (kill_at && ++asked == kill_at)
+		raise(SIGKILL);
+	return 0;
+}
+
+struct work *run_opened(const struct run *run, unsigned at)
+{
+	struct work *work = NULL;
+	struct err err = ERR_INIT;
+
+	CHECK(work_open(run->folder, &work, &err));
+	kill_at = at;
+	work_set_interrupt(work, killed, NULL);
+	return work;
+}
+
+int run_begin(void **state)
+{
+	repeat_folder(run_top, sizeof run_top, "run");
+	return 0;
+}
+
+int run_end(void **state)
+{
+	return repeat_remove(run_top);
 }
 
 int status_of(pid_t pid)

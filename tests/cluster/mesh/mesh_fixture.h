@@ -46,6 +46,12 @@ void set_up(struct run *run, struct set set, unsigned segments, uint32_t tasks);
 void run_all(const struct run *run);
 /* The packs against one process, and the records against both. */
 void compare(const struct run *run, const struct whole *want);
+/* The work folder opened anew, for another process, which is killed when it is asked so often for an interrupt (0: never). */
+struct work *run_opened(const struct run *, unsigned killed);
 int status_of(pid_t pid);
+
+/* Make and remove run_top. */
+int run_begin(void **state);
+int run_end(void **state);
 
 #endif

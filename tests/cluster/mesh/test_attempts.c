@@ -126,31 +126,16 @@ static void test_again(void **state)
 	run_remove(&run);
 }
 
-/* Processes of their own, each with the work folder opened anew. `kill_at`: raises SIGKILL when asked so often; 0: never. */
-static unsigned asked, kill_at;
-
-static int interrupted(void *ctx)
-{
-	(void)ctx;
-	if (kill_at && ++asked == kill_at)
-		raise(SIGKILL);
-	return 0;
-}
-
+/* Processes of their own. */
 static pid_t start(const struct run *run, uint32_t task, unsigned killed)
 {
 	pid_t pid = fork();
 
 	if (pid == 0) {
-		struct mesh_phase_params p = run->p;
 		struct err err = ERR_INIT;
-		struct work *work = NULL;
+		struct work *work = run_opened(run, killed);
 
-		p.interrupted = interrupted;
-		kill_at = killed;
-		if (work_open(run->folder, &work, &err) || mesh_phase_mesh(work, task, &p, &err))
-			_exit(1);
-		_exit(0);
+		_exit(mesh_phase_mesh(work, task, &run->p, &err) != 0);
 	}
 	assert_true(pid > 0);
 	return pid;
@@ -225,8 +210,7 @@ static void test_interrupted(void **state)
 	(void)state;
 	make_medium(&run, 1);
 	CHECK(mesh_phase_plan(run.work, &run.p, &err));
-	run.p.interrupted = give_up;
-	run.p.ctx = &left;
+	work_set_interrupt(run.work, give_up, &left);
 	assert_int_equal(mesh_phase_mesh(run.work, 0, &run.p, &err), -ERR_CANCELLED);
 	assert_int_equal(files_in_mesh(&run), 0);
 	err = ERR_INIT;
@@ -444,20 +428,6 @@ static void test_damaged_segment(void **state)
 	run_remove(&run);
 }
 
-static int setup(void **state)
-{
-	(void)state;
-	table = no_sync();
-	repeat_folder(run_top, sizeof run_top, "attempts");
-	return 0;
-}
-
-static int teardown(void **state)
-{
-	(void)state;
-	return repeat_remove(run_top);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -467,5 +437,6 @@ int main(void)
 		cmocka_unit_test(test_changed_dataset), cmocka_unit_test(test_damaged_segment),
 	};
 
-	return cmocka_run_group_tests(tests, setup, teardown);
+	table = no_sync();
+	return cmocka_run_group_tests(tests, run_begin, run_end);
 }

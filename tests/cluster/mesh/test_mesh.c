@@ -260,20 +260,6 @@ static void test_without_ground(void **state)
 	run_remove(&run);
 }
 
-static int setup(void **state)
-{
-	(void)state;
-	no_sync();
-	repeat_folder(run_top, sizeof run_top, "cmesh");
-	return 0;
-}
-
-static int teardown(void **state)
-{
-	(void)state;
-	return repeat_remove(run_top);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -283,5 +269,6 @@ int main(void)
 		cmocka_unit_test(test_without_ground),
 	};
 
-	return cmocka_run_group_tests(tests, setup, teardown);
+	no_sync();
+	return cmocka_run_group_tests(tests, run_begin, run_end);
 }

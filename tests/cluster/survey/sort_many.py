@@ -3,7 +3,6 @@ and the dataset has the same records and sources as an unsorted one."""
 import os
 import random
 import subprocess
-import sys
 import tempfile
 
 RUN, DUMP = os.environ["ACUT_SURVEY_RUN"], os.environ["ACUT_GRID_DUMP"]

@@ -42,19 +42,18 @@ static void warned(void *ctx, const char *path, const char *text)
 	snprintf(told.all + n, sizeof told.all - n, "%s: %s\n", path, text);
 }
 
-static int progress(void *ctx, const char *phase, uint64_t done, uint64_t all)
+static int interrupted(void *ctx)
 {
-	assert_true(done <= all || !all || !strcmp(phase, "stage"));
-	if (!told.stop || done < told.stop || strcmp(phase, "stage"))
+	if (!told.stop || ++told.asked < told.stop)
 		return 0;
 	if (told.kills)
 		raise(SIGKILL);
-	return -1;
+	return 1;
 }
 
 struct survey_params params(void)
 {
-	return (struct survey_params){.progress = progress, .refused = refused, .warned = warned};
+	return (struct survey_params){.refused = refused, .warned = warned};
 }
 
 /* ---- inputs ---- */
@@ -164,6 +163,7 @@ struct work *open_work(const char *folder)
 
 	check(work_open(folder, &w, &err), &err);
 	work_set_patience(w, 0);
+	work_set_interrupt(w, interrupted, NULL);
 	return w;
 }
 
@@ -180,6 +180,7 @@ struct work *make_run(const struct inputs *in, const struct shape *shape)
 	snprintf(folder, sizeof folder, "%s/work%u", survey_top, runs++);
 	check(work_make(folder, &about, in->file, in->n, &w, &err), &err);
 	work_set_patience(w, 0);
+	work_set_interrupt(w, interrupted, NULL);
 	return w;
 }
 

@@ -20,10 +20,10 @@ extern char survey_top[64]; /* the folder of a test */
 /* What the callbacks were told. */
 struct told {
 	unsigned refused, warned;
-	char all[4096]; /* "FILE: MESSAGE" lines */
-	uint64_t stop;  /* progress refuses from here on; 0: never */
-	bool kills;     /* ... or kills the process */
-	bool left;      /* a commit was killed: the dataset's folder may have files that are not of the dataset */
+	char all[4096];       /* "FILE: MESSAGE" lines */
+	unsigned asked, stop; /* work is interrupted from that question on; 0: never */
+	bool kills;           /* ... or the process is killed */
+	bool left;            /* a commit was killed: the dataset's folder may have files that are not of the dataset */
 };
 extern struct told told;
 

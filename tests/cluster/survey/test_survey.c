@@ -252,15 +252,16 @@ static void an_attempt_that_ends_early_counts_for_nothing(void **state)
 	check(survey_head(w, &p, &err), &err);
 	child = fork();
 	if (!child) {
-		told.stop = POINTS;
+		told.stop = 3;
 		told.kills = true;
 		survey_stage(w, 0, &p, &err);
 		_exit(1);
 	}
 	assert_int_equal(waitpid(child, &status, 0), child);
 	assert_true(WIFSIGNALED(status));
-	told.stop = POINTS;
+	told.stop = 3;
 	assert_int_equal(survey_stage(w, 0, &p, &err), -ERR_CANCELLED);
+	assert_int_equal(told.asked, 3);
 	told.stop = 0;
 	err = ERR_INIT;
 	assert_int_equal(work_record_look(w, WORK_STAGE, 0, &record, &err), WORK_E_ABSENT);

@@ -110,6 +110,27 @@ static void a_failure_is_recorded_and_leaves_no_file(void **state)
 	assert_int_equal(failures(), 1);
 }
 
+static int always(void *ctx)
+{
+	return 1;
+}
+
+/* Told to end while it waits for a file, it does not wait for the rest of its patience, and has not failed. */
+static void a_task_that_waits_is_interrupted(void **state)
+{
+	struct task t = {.result = -ERR_NOTFOUND};
+	struct err err = ERR_INIT;
+	double waited = 0;
+
+	work_set_patience(work, 1000);
+	work_set_interrupt(work, always, NULL);
+	assert_false(work_wait(work, &waited));
+	assert_int_equal(work_run(work, WORK_STAGE, 0, make, &t, &err), -ERR_CANCELLED);
+	assert_non_null(strstr(err.message, "interrupted"));
+	assert_false(is_there(&t));
+	assert_int_equal(failures(), 0);
+}
+
 static void who_is_overtaken_has_not_failed(void **state)
 {
 	static const int results[] = {0, -ERR_NOSPACE, -ERR_CANCELLED};
@@ -145,6 +166,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(a_task_is_done_once, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_failure_is_recorded_and_leaves_no_file, setup, teardown),
+		cmocka_unit_test_setup_teardown(a_task_that_waits_is_interrupted, setup, teardown),
 		cmocka_unit_test_setup_teardown(who_is_overtaken_has_not_failed, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_task_is_told_at_once_that_a_folder_is_none, setup, teardown),
 	};
