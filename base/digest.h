@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 struct digest {
 	uint64_t hi, lo;
@@ -39,6 +40,14 @@ void digest_add_triangles(struct digest *sum, const uint64_t (*place)[3], size_t
 static inline uint64_t digest_place(int32_t x, int32_t y)
 {
 	return ((uint64_t)(uint32_t)x << 32 | (uint32_t)y) ^ UINT64_C(0x8000000080000000);
+}
+/* The same of x and y that stand behind each other. */
+static inline uint64_t digest_place_of(const int32_t *xy)
+{
+	uint64_t both;
+
+	memcpy(&both, xy, sizeof both);
+	return (both << 32 | both >> 32) ^ UINT64_C(0x8000000080000000);
 }
 /* Adds a vertex: 24 bytes x, y, z, little-endian int64, absolute. */
 void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z);
