@@ -2,21 +2,21 @@
  * The order of insertion: rounds of growing size (biased randomized insertion order), each in the order of the input, which is
  * Morton order (algorithm.md 10).
  *
- * A position moves to the next smaller round with probability 1/4, by a fixed hash of its coordinates. The smallest round is
+ * A position moves to the next smaller round with probability 1/8, by a fixed hash of its coordinates. The smallest round is
  * first. Every second round goes backwards, so a round begins near the end of the previous one. Nothing is random: the same input
  * gives the same order.
  */
 #include "tri_priv.h"
 
-enum { ROUND_MAX = 14 };
+enum { ROUND_BITS = 3, ROUND_MAX = 9 };
 
-/* How many rounds a position moves down: k or more with probability 4^-k. */
+/* How many rounds a position moves down: k or more with probability 8^-k. */
 static inline unsigned round_of(const struct mesh_vertex *v)
 {
 	uint64_t h = ((uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y) * UINT64_C(0x9e3779b97f4a7c15);
 
 	h = (h ^ h >> 32) * UINT64_C(0xd6e8feb86659fd93);
-	return (unsigned)__builtin_ctzll(h >> 32 | UINT64_C(1) << (2 * ROUND_MAX)) / 2;
+	return (unsigned)__builtin_ctzll(h >> 32 | UINT64_C(1) << (ROUND_BITS * ROUND_MAX)) / ROUND_BITS;
 }
 
 static struct tri_extent extent_and_rounds(const struct mesh_vertex *in, uint32_t n, uint32_t count[ROUND_MAX + 1])
