@@ -10,6 +10,8 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "digest_wide.h"
+
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are hashed as they lie in memory");
 
 struct digest digest_hash(const void *bytes, size_t size)
@@ -114,9 +116,10 @@ static inline void place_take(uint64_t place, const uint64_t origin[2], uint64_t
 void digest_add_triangles(struct digest *sum, const uint64_t (*place)[3], size_t n, const int64_t k[2])
 {
 	const uint64_t bias = UINT64_C(1) << 31, origin[2] = {(uint64_t)k[0] - bias, (uint64_t)k[1] - bias};
+	size_t i = digest_wide_triangles(sum, place, n, k);
 	struct digest s = *sum;
 
-	for (size_t i = 0; i < n; i++) {
+	for (; i < n; i++) {
 		uint64_t p = place[i][0], q = place[i][1], r = place[i][2];
 		uint64_t second = 0 - (uint64_t)(q < p), third = 0 - (uint64_t)(r < either(p, q, second));
 		uint64_t bytes[3][2];
@@ -143,9 +146,10 @@ void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z)
 
 void digest_add_vertices(struct digest *sum, const int64_t k[3], const int32_t (*vertex)[3], size_t n)
 {
+	size_t i = digest_wide_vertices(sum, k, vertex, n);
 	struct digest s = *sum;
 
-	for (size_t i = 0; i < n; i++) {
+	for (; i < n; i++) {
 		const int64_t bytes[3] = {vertex[i][0] + k[0], vertex[i][1] + k[1], vertex[i][2] + k[2]};
 		XXH128_hash_t h = XXH3_128bits(bytes, sizeof bytes);
 

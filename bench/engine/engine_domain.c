@@ -116,16 +116,15 @@ static int load(const struct grid *grid, const struct view *view, const struct c
 
 static bool triangulate(struct tri *tri, uint32_t n, struct phases *sum)
 {
-	struct tri_extent e;
 	double from = phase_cpu();
 	bool flat;
 
 	tri->nvertex = n;
 	if (!n)
 		return false;
-	tri_order(tri, tri_input(tri), (uint64_t *)tri->triangle, n, &e);
+	tri_order(tri, tri_input(tri), n);
 	lap(sum, PHASE_ORDER, &from);
-	flat = tri_build(tri, (int64_t)e.max[0] - e.min[0] <= INT32_MAX && (int64_t)e.max[1] - e.min[1] <= INT32_MAX);
+	flat = tri_build(tri, tri_narrow(&tri->extent));
 	lap(sum, PHASE_TRIANGULATE, &from);
 	return !flat;
 }

@@ -1,9 +1,9 @@
 /*
  * The kernel beside CGAL's Delaunay_triangulation_2 in one process, run alternately: CPU time of the
- * thread, median of five. Both get the same distinct positions in the same order and are built with the
- * same flags. What is timed: all of tri_run (its sort included); all of the range insert (its sort included).
+ * thread, median of five. Both get the same distinct positions in Morton order, as the store has them, and are
+ * built with the same flags. What is timed: all of tri_run; all of the range insert (its sort included).
  *
- *	bench-kernel [--n POINTS] [--runs N] [--shuffle] [KIND...]
+ *	bench-kernel [--n POINTS] [--runs N] [KIND...]
  */
 #include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -72,7 +72,7 @@ static run run_cgal(const std::vector<Kernel::Point_2> &points)
 	return {took, dt.number_of_faces()};
 }
 
-static bool measure(const char *kind, uint32_t n, int runs, bool shuffle)
+static bool measure(const char *kind, uint32_t n, int runs)
 {
 	uint32_t have;
 	mesh_vertex *v = input_make(kind, n, 1, &have);
@@ -81,8 +81,6 @@ static bool measure(const char *kind, uint32_t n, int runs, bool shuffle)
 		fprintf(stderr, "bench-kernel: no input of the kind '%s', or no memory for it\n", kind);
 		return false;
 	}
-	if (shuffle)
-		input_shuffle(v, have, 7);
 
 	std::vector<Kernel::Point_2> points;
 	std::vector<double> ours, theirs;
@@ -118,18 +116,16 @@ int main(int argc, char **argv)
 	std::vector<const char *> kinds;
 	uint32_t n = 1000000;
 	int runs = 5;
-	bool shuffle = false, good = true;
+	bool good = true;
 
 	for (int i = 1; i < argc; i++) {
 		if (!strcmp(argv[i], "--n") && i + 1 < argc) {
 			n = uint32_t(strtoul(argv[++i], nullptr, 10));
 		} else if (!strcmp(argv[i], "--runs") && i + 1 < argc) {
 			runs = atoi(argv[++i]);
-		} else if (!strcmp(argv[i], "--shuffle")) {
-			shuffle = true;
 		} else if (argv[i][0] == '-') {
 			fprintf(stderr,
-				"usage: bench-kernel [--n POINTS] [--runs N] [--shuffle] [KIND...]\n");
+				"usage: bench-kernel [--n POINTS] [--runs N] [KIND...]\n");
 			return 2;
 		} else {
 			kinds.push_back(argv[i]);
@@ -144,6 +140,6 @@ int main(int argc, char **argv)
 	printf("%-10s %10s %10s %8s %8s %7s %8s\n", "input", "points", "triangles", "acut us", "CGAL us",
 	       "ratio", "B/point");
 	for (const char *kind : kinds)
-		good &= measure(kind, n, runs, shuffle);
+		good &= measure(kind, n, runs);
 	return good ? 0 : 1;
 }

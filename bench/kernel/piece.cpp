@@ -4,7 +4,7 @@
  * already. Only the insertion of pieces is timed. The kernel needs a table of the vertices before the first one, which
  * is the last column.
  *
- * "short": between positions that are near in curve order, those that cross nothing inserted before. "long": one from
+ * "short": between positions that are near in the order of insertion, those that cross nothing inserted before. "long": one from
  * side to side.
  *
  *	bench-piece [--n POINTS] [--runs N] [KIND...]
@@ -51,7 +51,7 @@ struct bench {
 	uint32_t n;
 	void *arena, *memory;
 	std::vector<Kernel::Point_2> points;
-	std::vector<uint32_t> order; /* along the curve */
+	std::vector<uint32_t> order; /* of insertion */
 };
 
 static tri *kernel_mesh(const bench &b)
@@ -96,7 +96,7 @@ static double run_cgal(const bench &b, const Pieces &pieces)
 	return cpu_seconds() - from;
 }
 
-/* Every 32nd vertex in curve order, and the one that comes 12 later. */
+/* Every 32nd vertex in the order of insertion, and the one that comes 12 later. */
 static Pieces short_pieces(const bench &b, uint64_t *ret_crossed)
 {
 	tri *t = kernel_mesh(b);

@@ -25,7 +25,7 @@ struct check {
 	unsigned bits; /* log2 of the slots */
 	uint64_t open; /* slots in use */
 
-	int32_t (*foreign)[2]; /* positions of the block's foreign vertices */
+	int32_t (*position)[3]; /* of all vertices of a block that has no room for those of foreign ones */
 	size_t room;
 };
 
@@ -54,7 +54,7 @@ struct check *check_free(struct check *c)
 {
 	if (c) {
 		free(c->slot);
-		free(c->foreign);
+		free(c->position);
 		free(c);
 	}
 	return NULL;
@@ -133,23 +133,38 @@ static bool is_final(const struct stream_block *b, uint32_t local)
 	return b->final[local / 8] >> local % 8 & 1;
 }
 
-static int look_up_foreign(struct check *c, const struct stream_block *b, struct err *err)
+/* Where the positions of the block go, foreign vertices first; those of new ones are there. */
+static int room_of(struct check *c, const struct stream_block *b, int32_t (**ret)[3], struct err *err)
 {
-	if (b->nforeign > c->room) {
-		free(c->foreign);
+	size_t n = (size_t)b->nforeign + b->nnew;
+
+	*ret = b->local;
+	if (b->local)
+		return 0;
+	if (n > c->room) {
+		free(c->position);
 		c->room = 0;
-		c->foreign = malloc(b->nforeign * sizeof *c->foreign);
-		if (!c->foreign)
-			return err_set(err, ERR_NOMEM, "there is no memory for a block's %u vertices", b->nforeign);
-		c->room = b->nforeign;
+		c->position = malloc(n * sizeof *c->position);
+		if (!c->position)
+			return err_set(err, ERR_NOMEM, "there is no memory for a block's %zu vertices", n);
+		c->room = n;
 	}
+	if (b->nnew)
+		memcpy(c->position + b->nforeign, b->vertex, b->nnew * sizeof *c->position);
+	*ret = c->position;
+	return 0;
+}
+
+/* Their heights are not known here, and are left alone. */
+static int look_up_foreign(struct check *c, const struct stream_block *b, int32_t (*position)[3], struct err *err)
+{
 	for (uint32_t i = 0; i < b->nforeign; i++) {
 		struct slot *slot = find(c, b->foreign[i] + 1);
 
 		if (slot->key == 0)
 			return err_set(err, ERR_PROTO, "block %llu uses vertex %llu, which was final in an earlier block",
 				       (unsigned long long)b->index, (unsigned long long)b->foreign[i]);
-		memcpy(c->foreign[i], slot->xy, sizeof slot->xy);
+		memcpy(position[i], slot->xy, sizeof slot->xy);
 		if (is_final(b, i))
 			erase(c, slot);
 	}
@@ -174,33 +189,32 @@ static int take_new(struct check *c, const struct stream_block *b, struct err *e
 	return 0;
 }
 
-static void add_triangles(struct check *c, const struct stream_block *b)
+static void add_triangles(struct check *c, const struct stream_block *b, const int32_t (*position)[3])
 {
-	const uint32_t nforeign = b->nforeign, n = b->ntriangle;
+	const uint32_t n = b->ntriangle;
 	uint64_t corner[BATCH][3];
 
 	for (uint32_t i = 0; i < n;) {
 		uint32_t m = n - i < BATCH ? n - i : BATCH;
 
 		for (uint32_t j = 0; j < m; j++, i++)
-			for (unsigned k = 0; k < 3; k++) {
-				uint32_t local = b->triangle[i][k];
-				const int32_t *p = local < nforeign ? c->foreign[local] : b->vertex[local - nforeign];
-
-				corner[j][k] = digest_place(p[0], p[1]);
-			}
+			for (unsigned k = 0; k < 3; k++)
+				corner[j][k] = digest_place_of(position[b->triangle[i][k]]);
 		digest_add_triangles(&c->digest, (const uint64_t(*)[3])corner, m, c->k);
 	}
 }
 
 int check_block(struct check *c, const struct stream_block *b, struct err *err)
 {
-	int r = look_up_foreign(c, b, err);
+	int32_t(*position)[3] = NULL;
+	int r = room_of(c, b, &position, err);
 
+	if (r == 0)
+		r = look_up_foreign(c, b, position, err);
 	if (r == 0)
 		r = take_new(c, b, err);
 	if (r == 0)
-		add_triangles(c, b);
+		add_triangles(c, b, (const int32_t(*)[3])position);
 	return r;
 }
 

@@ -57,8 +57,10 @@ static inline uint64_t finish_place(const struct finish *f, const int32_t at[2])
 {
 	int32_t xy[2];
 
-	finish_position(f, at, xy);
-	return digest_place(xy[0], xy[1]);
+	if (!f->map)
+		return digest_place_of(at);
+	view_map_back(f->map, at, xy);
+	return digest_place_of(xy);
 }
 
 #endif

@@ -2,8 +2,7 @@
  * The entry of the kernel: the layout of the arena, and a run from positions to triangles.
  *
  * The arena is a struct tri and 64 bytes for each point. Until the order of insertion is known, the memory of the
- * triangles holds the input (12 bytes a point) and the scratch of the sort (16 bytes a point); neither is needed
- * afterwards. Positions must be distinct. Nothing is allocated.
+ * triangles holds the input (12 bytes a point), which is not needed afterwards. Positions must be distinct. Nothing is allocated.
  */
 #include "tri_priv.h"
 
@@ -19,7 +18,7 @@ enum {
 _Static_assert(sizeof(struct tri) <= TRI_HEAD_BYTES, "the head of the arena");
 _Static_assert(2 * sizeof(struct tri_triangle) == TRI_TRIANGLE_BYTES, "two triangles a point");
 _Static_assert(TRI_TRIANGLE_BYTES + 8 + 4 + 4 == TRI_BYTES_PER_POINT, "all of the arena");
-_Static_assert(sizeof(struct mesh_vertex) + 2 * sizeof(uint64_t) <= TRI_TRIANGLE_BYTES, "input and scratch");
+_Static_assert(sizeof(struct mesh_vertex) <= TRI_TRIANGLE_BYTES, "the input");
 
 size_t tri_bytes(uint32_t cap)
 {
@@ -43,10 +42,9 @@ struct tri *tri_init(void *memory, uint32_t cap)
 	return t;
 }
 
-/* The input is behind the sort's scratch, so that the scratch is aligned for every capacity. */
 struct mesh_vertex *tri_input(struct tri *t)
 {
-	return (struct mesh_vertex *)((uint64_t *)t->triangle + 2 * (size_t)t->cap);
+	return (struct mesh_vertex *)t->triangle;
 }
 
 static void swap_vertices(struct tri *t, uint32_t a, uint32_t b)
@@ -123,7 +121,7 @@ int tri_run(struct tri *t, uint32_t n)
 	t->ntriangle = 0;
 	if (n == 0)
 		return TRI_E_FLAT;
-	tri_order(t, tri_input(t), (uint64_t *)t->triangle, n, &t->extent);
+	tri_order(t, tri_input(t), n);
 	return tri_build(t, tri_narrow(&t->extent));
 }
 

@@ -22,7 +22,8 @@ struct tri; /* at the start of the arena */
 
 /* `memory`: tri_bytes(cap) bytes, aligned to 64. */
 struct tri *tri_init(void *memory, uint32_t cap);
-/* Memory in the arena for up to `cap` positions, which the caller writes in Morton order and distinct. */
+/* Memory in the arena for up to `cap` positions, which the caller writes in Morton order and distinct. In another order the
+ * triangles are the same, but each costs a walk across the mesh if neighbours are not near each other. */
 struct mesh_vertex *tri_input(struct tri *);
 
 /* Triangulates the first n. 0, or TRI_E_FLAT: fewer than three positions, or all collinear, so no triangles. */
@@ -44,7 +45,7 @@ uint32_t tri_count(const struct tri *); /* number of vertices, also after TRI_E_
 uint32_t tri_walk(const struct tri *, const int32_t at[2], uint32_t from);
 
 /*
- * The result. Vertices are renumbered in curve order; `id` is the index in the input. Triangles [0, ntriangle) include
+ * The result. Vertices are renumbered in the order of insertion; `id` is the index in the input. Triangles [0, ntriangle) include
  * ghosts: corner[i] == TRI_GHOST is the infinite vertex. link[i] is across from corner[i]: the other triangle times 8,
  * its side times 2, and 1 if the edge is constrained (tri_piece.h).
  */

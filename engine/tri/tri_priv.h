@@ -25,8 +25,8 @@ struct tri {
 	struct tri_extent extent;
 };
 
-/* Chooses the order of insertion: reads n positions from `in`, fills xy, z and id. `scratch`: 16 bytes for each position. */
-void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n, struct tri_extent *ret);
+/* Chooses the order of insertion: reads n positions from `in`, fills xy, z, id and the extent. */
+void tri_order(struct tri *, const struct mesh_vertex *in, uint32_t n);
 
 /* The second half of tri_run: triangulates the nvertex vertices in their order (three may be moved to the front).
  * `narrow`: all differences of coordinates are within +-(2^31 - 1). */

@@ -264,7 +264,7 @@ int tri_regular_run(struct tri_regular *r, uint32_t n, const uint8_t *kind)
 	r->id = t->id;
 	if (n == 0)
 		return TRI_E_FLAT;
-	tri_order(t, tri_input(t), (uint64_t *)t->triangle, n, &t->extent);
+	tri_order(t, tri_input(t), n);
 	for (uint32_t i = 0; i < n; i++)
 		t->id[i] |= (uint32_t)kind[t->id[i]] << TRI_WEIGHT_AT;
 	if (!tri_seed(t))

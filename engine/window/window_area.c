@@ -85,7 +85,7 @@ struct window_area *window_area_init(const struct cut_source *src, const struct 
 	a->round = round && round < WINDOW_PICK ? round : WINDOW_PICK;
 	a->tri = tri;
 	a->highest = view_prefers(view, &(struct point){.z = 1}, &(struct point){.z = 0});
-	/* The points, and as much memory again to sort them, fit between the kernel's input and the end of the arena: 28 of
+	/* The points, and as much memory again to sort them, fit between the kernel's input and the end of the arena: 12 of
 	 * its 64 bytes per position lie before them. */
 	a->pts = (struct point *)(behind + (-(uintptr_t)behind & 15));
 	a->seen = (struct window_seen *)at;

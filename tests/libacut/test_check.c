@@ -23,6 +23,7 @@ static const int64_t offset[3] = {1000000007, -5, 1LL << 40};
 struct strip {
 	struct stream_block block;
 	uint64_t foreign[H + 1];
+	int32_t room[H + 1][3]; /* before the vertices, as a reader may have it */
 	int32_t vertex[2 * (H + 1)][3];
 	uint32_t triangle[2 * H][3];
 	uint8_t final[(2 * (H + 1) + 7) / 8];
@@ -100,6 +101,9 @@ static void expect(struct stream_tail *tail)
 	tail->hull = 2 * (W + H);
 }
 
+_Static_assert(offsetof(struct strip, vertex) == offsetof(struct strip, room) + sizeof(((struct strip *)NULL)->room),
+	       "one array");
+
 enum fault { NONE, MOVED, HEIGHT, TURNED, MISSING, EARLY_FINAL, LATE_FINAL };
 
 static int run(enum fault fault, struct err *err)
@@ -128,7 +132,12 @@ static int run(enum fault fault, struct err *err)
 			s.final[(H + 4) / 8] |= (uint8_t)(1u << (H + 4) % 8);
 		if (column == 7 && fault == LATE_FINAL)
 			s.final[0] &= 0xf7;
+		memset(s.room, 0x55, sizeof s.room);
+		if (column % 2)
+			s.block.local = s.room;
 		r = check_block(c, &s.block, err);
+		for (unsigned row = 0; row <= H; row++)
+			assert_int_equal(s.room[row][2], 0x55555555); /* no heights are made up */
 		assert_true(check_open(c) <= 2 * (column + 2) + 2 * (H + 1) + 1);
 	}
 	expect(&tail);

@@ -34,7 +34,7 @@ static check_sum cgal_sum(const mesh_vertex *v, const struct tri_result &r, cons
 	check_sum sum = {};
 	Cdt cdt;
 
-	/* In the order of the curve, so that each is near the one before. */
+	/* In the order of insertion, so that each is near the one before. */
 	for (uint32_t k = 0; k < r.nvertex; k++) {
 		uint32_t i = r.id[k];
 

@@ -5,6 +5,7 @@
 #include "inputs.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -290,6 +291,15 @@ uint32_t input_unique(struct mesh_vertex *v, uint32_t n)
 	return left;
 }
 
+static int morton_compare(const void *a, const void *b)
+{
+	const struct mesh_vertex *p = a, *q = b;
+	uint32_t dx = (uint32_t)p->x ^ (uint32_t)q->x, dy = (uint32_t)p->y ^ (uint32_t)q->y;
+	bool by_y = dx < dy && dx < (dx ^ dy);
+
+	return by_y ? (p->y > q->y) - (p->y < q->y) : (p->x > q->x) - (p->x < q->x);
+}
+
 struct mesh_vertex *input_make(const char *name, uint32_t n, uint64_t seed, uint32_t *ret_n)
 {
 	struct mesh_vertex *v = malloc(n ? n * sizeof(*v) : 1);
@@ -298,6 +308,7 @@ struct mesh_vertex *input_make(const char *name, uint32_t n, uint64_t seed, uint
 		if (strcmp(input_kinds[k].name, name))
 			continue;
 		*ret_n = input_unique(v, input_kinds[k].fill(v, n, seed * 2 + 1));
+		qsort(v, *ret_n, sizeof(*v), morton_compare);
 		for (uint32_t i = 0; i < *ret_n; i++)
 			v[i].z = (int32_t)i;
 		return v;

@@ -21,7 +21,7 @@ struct input_kind {
 extern const struct input_kind input_kinds[];
 extern const unsigned input_kind_count;
 
-/* About n positions (a lattice circle has a fixed number), in the order of the generator. NULL: no memory, or no such
+/* About n positions (a lattice circle has a fixed number), in Morton order. NULL: no memory, or no such
  * kind. Freed with free(). */
 struct mesh_vertex *input_make(const char *name, uint32_t n, uint64_t seed, uint32_t *ret_n);
 
