@@ -12,11 +12,21 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+/* The record without its source. As two words: a tag that was stored by itself would stall the load of its word by the hash. */
+static inline struct point bare_point(const struct point *p)
+{
+	struct point bare;
+	uint64_t word[2];
+
+	memcpy(word, p, sizeof word);
+	word[1] &= UINT64_MAX >> 16 | (uint64_t)POINT_FLAGS << 48;
+	memcpy(&bare, word, sizeof bare);
+	return bare;
+}
+
 struct digest grid_record_hash(const struct point *p)
 {
-	struct point bare = *p;
-
-	bare.tag &= POINT_FLAGS;
+	struct point bare = bare_point(p);
 	XXH128_hash_t h = XXH3_128bits(&bare, sizeof bare);
 
 	return (struct digest){h.high64, h.low64};
@@ -46,10 +56,10 @@ static void copy_records(const struct point *pts, size_t n, struct point *out, s
 	struct digest sum = {0, 0};
 
 	for (size_t i = 0; i < n; i++) {
-		out[i] = pts[i];
-		out[i].tag &= POINT_FLAGS;
-		XXH128_hash_t h = XXH3_128bits(&out[i], sizeof out[i]);
+		struct point bare = bare_point(&pts[i]);
+		XXH128_hash_t h = XXH3_128bits(&bare, sizeof bare);
 
+		out[i] = bare;
 		sum.hi += h.high64;
 		sum.lo += h.low64;
 	}
