@@ -23,7 +23,7 @@ def check(what, cond, detail=""):
         print("FAIL", what, detail, flush=True)
 
 
-def run(*args, env=None, status=0, cwd=None, timeout=300):
+def run(*args, env=None, status=0, cwd=None, timeout=e2e.PATIENCE0):
     p = subprocess.run(args, capture_output=True, text=True, cwd=cwd, timeout=timeout, env={**os.environ, **(env or {})})
     if status is not None and p.returncode != status:
         check(" ".join(args[1:]), False, "status %d, wanted %d\n%s%s" % (p.returncode, status, p.stdout, p.stderr))
@@ -110,14 +110,12 @@ def interrupted(base):
     os.chmod(slow, 0o755)
     p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
                          env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    end = time.time() + 30
-    while not os.path.exists(work + "/log/head-0") and time.time() < end:
-        time.sleep(0.05)
+    e2e.until(lambda: os.path.exists(work + "/log/head-0"), "no task begins")
     s = show(work)
     check("seen from outside", s["state"] == "running" and s["phases"][0]["running"] == 1 and s["phases"][1]["waiting"] > 0, str(s))
     run(CLUSTER, "clean", work, "--force", status=1)
     p.send_signal(signal.SIGINT)
-    out = p.communicate(timeout=30)[0]
+    out = p.communicate(timeout=e2e.PATIENCE)[0]
     check("interrupted", p.returncode == 130 and "resume" in out, "%d %s" % (p.returncode, out))
     check("nothing runs any more", show(work)["state"] == "stopped", str(show(work)))
     run(CLUSTER, "cancel", work)
@@ -130,11 +128,9 @@ def interrupted(base):
     check("nothing is left", not os.path.exists(work))
     p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
                          env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    end = time.time() + 30
-    while not os.path.exists(work + "/log/head-0") and time.time() < end:
-        time.sleep(0.05)
+    e2e.until(lambda: os.path.exists(work + "/log/head-0"), "no task begins")
     q = run(CLUSTER, "cancel", work)
-    out = p.communicate(timeout=30)[0]
+    out = p.communicate(timeout=e2e.PATIENCE)[0]
     check("a run that is cancelled while it is waited for", p.returncode == 1 and "the run was cancelled" in out and "1 job;" in q.stdout + q.stderr,
           "%d %s %s%s" % (p.returncode, out, q.stdout, q.stderr))
     run(CLUSTER, "clean", work, "--force")
