@@ -2,11 +2,16 @@
 import json
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
+import e2e
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../e2e"))
 from checks import check, end  # noqa: E402
@@ -217,11 +222,10 @@ def slow_input(base):
                              + (["--timeout", "0.3"] if how == "timeout" else []), stdin=r, stderr=subprocess.PIPE, env=env)
         os.close(r)
         if how == "signal":
-            try:
-                p.wait(0.4)
-            except subprocess.TimeoutExpired:
-                p.terminate()
-        p.communicate(timeout=10)
+            e2e.handles(p, signal.SIGTERM)
+            time.sleep(0.4)  # it reads
+            p.terminate()
+        p.communicate(timeout=e2e.PATIENCE)
         os.close(w)
         check("input that never ends, " + how, p.returncode == (124 if how == "timeout" else 143), str(p.returncode))
 
@@ -344,7 +348,7 @@ def man_page():
         # The page of acutd is made from the table of settings.
         with open(os.path.join(os.path.join(BUILD, "man") if name == "acutd" else MAN, "%s.%d.scd" % (name, section))) as f:
             page = f.read()
-        text = subprocess.run([program, "--help"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=20).stdout.decode()
+        text = subprocess.run([program, "--help"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=e2e.PATIENCE).stdout.decode()
         for o in set(re.findall(r"(?<![\w-])--([a-z][a-z-]+)", text)):
             check("man page of %s has --%s" % (name, o), "*--%s*" % o in page, o)
         if name not in ("acut-domain", "acut-grid-dump"):
@@ -354,17 +358,17 @@ def man_page():
             check("--help of %s has --%s" % (name, o), re.search(r"(?<![\w-])--%s(?![\w-])" % o, text), text)
         for o, value in re.findall(r"^  --([a-z-]+)(?: ([A-Z]+))?", text, re.M):
             words = ["--" + o] + (["1M"] if value else [])
-            r = subprocess.run([program, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=20)
+            r = subprocess.run([program, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=e2e.PATIENCE)
             said = r.stdout.decode()
             check("%s understands --%s" % (name, o), r.returncode in ((0,) if o in ("help", "version") else (2, 74)) and "ecogni" not in said and
                   "ambiguous" not in said and (o in ("help", "version") or re.search("want|give a FILE|1M: cannot open", said)), said)
-        r = subprocess.run([program, "--none"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=20)
+        r = subprocess.run([program, "--none"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
         check("%s refuses another option" % name, r.returncode == 2 and b"--none" in r.stderr and b"--help" in r.stderr, repr(r))
 
 
 def libraries():
     """A library that few commands need is not linked, but loaded when it is needed (ctl_sha.c)."""
-    out = subprocess.run([ACUTCTL], env=dict(os.environ, LD_TRACE_LOADED_OBJECTS="1"), stdout=subprocess.PIPE, timeout=20).stdout
+    out = subprocess.run([ACUTCTL], env=dict(os.environ, LD_TRACE_LOADED_OBJECTS="1"), stdout=subprocess.PIPE, timeout=e2e.PATIENCE).stdout
     check("the loader tells the libraries", b"libc.so" in out, repr(out))
     check("libcrypto is not one of them", b"libcrypto" not in out, repr(out))
 

@@ -115,7 +115,8 @@ static atomic_bool stop;
 /* Another thread ends the removal after one file. */
 static int stopping_unlinkat(int fd, const char *path, int flags)
 {
-	atomic_store(&stop, !strcmp(path, "file"));
+	if (!strcmp(path, "file"))
+		atomic_store(&stop, true);
 	return real->unlinkat(fd, path, flags);
 }
 

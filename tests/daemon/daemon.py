@@ -271,13 +271,6 @@ def socket_pair_is_handed_over():
         expect(wait_exit(pid) == 0, "status")
 
 
-def cpu_of(pid):
-    """Seconds that it has worked."""
-    with open("/proc/%d/stat" % pid) as f:
-        fields = f.read().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def staged(d):
     """Bytes below the datasets: what is committed, and what a push has written so far."""
     total = 0
@@ -303,9 +296,10 @@ def out_of_descriptors():
             time.sleep(0.5)
             first.ping()
 
-            before = cpu_of(d.process.pid)
+            before = e2e.cpu_of(d.process.pid)
             time.sleep(2)
-            expect(cpu_of(d.process.pid) - before < 0.2, "it spins: %.2f s of CPU in 2 s" % (cpu_of(d.process.pid) - before))
+            used = e2e.cpu_of(d.process.pid) - before
+            expect(used < 0.2, "it spins: %.2f s of CPU in 2 s" % used)
             first.ping()
             last = more[-1]
             for s in more[:-1]:
@@ -375,9 +369,8 @@ def stopped_while_busy():
             mesh.send_signal(signal.SIGSTOP)
             cut = meshing()
             await_it(lambda: staged(d) > before or push.poll() is not None, "the push begins")
-            worked, children = cpu_of(d.process.pid), os.times()
-            expect(d.stop(signal.SIGTERM, 100) == 0, "status")
-            took = os.times().children_user + os.times().children_system - children.children_user - children.children_system - worked
+            status, took = e2e.worked(lambda: d.stop(signal.SIGTERM, 100), d.process)
+            expect(status == 0, "status")
             expect(took < 10, "it worked for %.1f s" % took)
             mesh.send_signal(signal.SIGCONT)
             push.wait(100)

@@ -127,6 +127,29 @@ def until(cond, text, every=0.02):
         time.sleep(every)
 
 
+def cpu_of(pid):
+    """Seconds of CPU time that it has used, which other programs do not lengthen."""
+    with open("/proc/%d/stat" % pid) as f:
+        fields = f.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def worked(end, p):
+    """Calls end(), in which the process p ends and is waited for; returns what that returns, and the seconds of CPU time that p
+    used meanwhile."""
+    before, children = cpu_of(p.pid), os.times()
+    got, now = end(), os.times()
+    return got, now.children_user + now.children_system - children.children_user - children.children_system - before
+
+
+def handles(p, sig):
+    """Waits until the program of a process handles the signal, which would kill it before."""
+    def caught():
+        with open("/proc/%d/status" % p.pid) as f:
+            return int(next(line for line in f if line.startswith("SigCgt:")).split()[1], 16) >> sig - 1 & 1
+    until(lambda: p.poll() is not None or caught(), "it does not handle signal %d" % sig, 0.002)
+
+
 class Gate:
     """Holds calls of a program: Gate(base) as gate; Daemon(base, env=gate.env). gate.close("pread", ".seg", 3) lets three reads
     of a file of such a path go by and holds all others, gate.wait() waits until one is held, gate.open() lets all go on."""

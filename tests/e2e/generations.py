@@ -263,10 +263,7 @@ def an_interrupted_replacement():
                 with open(a, "rb") as f:
                     answer = c.ask(body, m, *([f.fileno()] if body != "push_plan" else []))
             expect(answer.replaced == 1, "%s" % answer)
-        deadline = time.monotonic() + 10
-        while not (show(d, "s")["pending"] or "").startswith("1 interrupted"):
-            expect(time.monotonic() < deadline, "no pending push: %s" % show(d, "s")["pending"])
-            time.sleep(0.05)
+        e2e.until(lambda: (show(d, "s")["pending"] or "").startswith("1 interrupted"), "no pending push")
         expect(mesh(d, "s", "--new") == before and show(d, "s")["generation"] == 1, "an interrupted push changed something")
         says(d.ctl("push", "s", a), 1, "--replace in its place")
         got = [json.loads(l) for l in d.ctl("push", "s", a, b, "--replace", "--json").ok().out.splitlines()]

@@ -35,10 +35,7 @@ def remove_and_restore():
             with Client(d.socket) as c:
                 c.ask("push_begin", pb.PushBegin(dataset="s"))
                 says(d.ctl("dataset", "rm", "s"), 75, "a push into the dataset s is open")
-            deadline = time.monotonic() + 10
-            while d.ctl("dataset", "rm", "s").status:
-                expect(time.monotonic() < deadline, "it cannot be removed")
-                time.sleep(0.05)
+            e2e.until(lambda: not d.ctl("dataset", "rm", "s").status, "it cannot be removed")
             expect(names(d) == [] and [(r["name"], r["files"]) for r in removed(d)] == [("s", 2)], "%s" % removed(d))
             week = removed(d)[0]
             expect(week["removed"] < week["restorable_until"], "%s" % week)
@@ -82,11 +79,7 @@ def deleted_after_a_time():
             d.ctl("dataset", "restore", "t").ok()
             kept = sorted(os.listdir(os.path.join(d.state, "datasets")))
             expect(len(kept) == 2, "%s" % kept)
-            deadline = time.monotonic() + 40
-            while len(os.listdir(os.path.join(d.state, "datasets"))) > 1:
-                expect(time.monotonic() < deadline, "a removed dataset stays")
-                removed(d)
-                time.sleep(0.2)
+            e2e.until(lambda: removed(d) == [] and len(os.listdir(os.path.join(d.state, "datasets"))) == 1, "a removed dataset stays")
             expect(removed(d) == [] and names(d) == ["t"], "%s" % removed(d))
             says(d.ctl("dataset", "restore", "s"), 4, "no removed dataset")
             says(d.ctl("fetch", job, "-o", os.path.join(base, "m.ply")), 1, "dataset of job %s is gone" % job)
@@ -96,11 +89,7 @@ def deleted_after_a_time():
         time.sleep(2)
         with e2e.Daemon(base, args=["--keep-removed", "2s"]) as d:
             says(d.ctl("dataset", "restore", "t"), 4, "no removed dataset")
-            deadline = time.monotonic() + 40
-            while os.listdir(os.path.join(d.state, "datasets")):
-                expect(time.monotonic() < deadline, "a removed dataset stays after a restart")
-                removed(d)
-                time.sleep(0.2)
+            e2e.until(lambda: not os.listdir(os.path.join(d.state, "datasets")), "a removed dataset stays after a restart")
 
 
 if __name__ == "__main__":

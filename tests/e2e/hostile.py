@@ -30,7 +30,7 @@ def ping():
 def others_are_served():
     """The quiet client and a new one get their answers in time."""
     QUIET.ping()
-    with Client(DAEMON.socket, timeout=5) as fresh:
+    with Client(DAEMON.socket, timeout=e2e.PATIENCE) as fresh:
         fresh.ping()
 
 
@@ -49,14 +49,14 @@ def expect_cut_off(wire, code="protocol"):
 
 
 def greeted():
-    wire = Wire(DAEMON.socket, timeout=5)
+    wire = Wire(DAEMON.socket, timeout=e2e.PATIENCE)
     wire.send(1, hello())
     wire.recv()
     return wire
 
 
 def breach(data, fds=(), code="protocol", greet=True):
-    wire = greeted() if greet else Wire(DAEMON.socket, timeout=5)
+    wire = greeted() if greet else Wire(DAEMON.socket, timeout=e2e.PATIENCE)
     try:
         wire.send_raw(data, fds)
     except BrokenPipeError:
@@ -318,16 +318,14 @@ def vanish(step):
 
 def push_again(dataset):
     """A push that was left half-way does not block the next for long. (A requested commit is completed.)"""
-    deadline = time.monotonic() + 5
-    while True:
+    def pushed():
         try:
             with Client(DAEMON.socket) as c:
-                points = c.push([LAS], dataset=dataset).points
-                expect(points in (5000, 10000), "%s has %d points" % (dataset, points))
-            return
+                return c.push([LAS], dataset=dataset).points
         except Refused as e:
-            expect(e.code == "busy" and time.monotonic() < deadline, "a second push into %s: %s" % (dataset, e))
-            time.sleep(0.05)
+            expect(e.code == "busy", "a second push into %s: %s" % (dataset, e))
+    points = e2e.until(pushed, "a second push into %s is refused" % dataset)
+    expect(points in (5000, 10000), "%s has %d points" % (dataset, points))
 
 
 STEPS = 16

@@ -357,13 +357,13 @@ class Quiet:
 
     def work(self):
         pings, news = [], []
-        with Client(DAEMON.socket, timeout=20) as c:
+        with Client(DAEMON.socket, timeout=e2e.PATIENCE) as c:
             while not select.select([self.end_in], [], [], 0)[0]:
                 for _ in range(5):
                     pings.append(c.ping())
                     time.sleep(0.002)
                 start = time.monotonic()
-                with Client(DAEMON.socket, timeout=20) as fresh:
+                with Client(DAEMON.socket, timeout=e2e.PATIENCE) as fresh:
                     fresh.ping()
                 news.append(time.monotonic() - start)
         return pings, news
@@ -382,13 +382,13 @@ def one_mesh(want):
     if ALONE:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
     start = time.monotonic()
-    with Client(DAEMON.socket, timeout=60) as c:
+    with Client(DAEMON.socket, timeout=e2e.PATIENCE) as c:
         while True:
             try:
                 job = c.ask("submit", pb.Submit(view="view 1", dataset=c.push([LAS]).dataset, bound=True))
                 break
             except Refused as e:
-                expect(e.code == "busy" and time.monotonic() - start < 20, "the quiet client is refused: %s" % e)
+                expect(e.code == "busy" and time.monotonic() - start < e2e.PATIENCE, "the quiet client is refused: %s" % e)
                 time.sleep(0.02)
         mesh = c.fetch(job.id)
     if ALONE:

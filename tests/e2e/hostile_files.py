@@ -150,7 +150,7 @@ def passes_files(path, name, uid, status):
         os.setgid(uid)
         os.setuid(uid)
         sent = 0
-        client = Client(path, timeout=20)
+        client = Client(path, timeout=e2e.PATIENCE)
         try:
             while sent < 3000:
                 with open(name, "rb") as f:
@@ -163,7 +163,7 @@ def passes_files(path, name, uid, status):
                 said.append("he is not cut off")
             except Gone:
                 pass
-            again = Wire(path, timeout=20)
+            again = Wire(path, timeout=e2e.PATIENCE)
             message = again.recv()[1]
             said.append("%s: %s" % (message.error.code, message.error.message))
             again.close()
@@ -200,7 +200,7 @@ def files_that_never_close():
             expect(64 <= held <= 66, "%d descriptors of them are open: %s" % (held, said))
             for why in said[1:]:
                 expect("busy" in why and "a file system does not answer" in why, "why he is refused: %s" % said)
-            with Client(few.socket, timeout=20) as other, open(plain, "rb") as f:
+            with Client(few.socket, timeout=e2e.PATIENCE) as other, open(plain, "rb") as f:
                 other.ask("info_request", pb.InfoRequest(name="y"), f.fileno())
             wait_until(lambda: plain not in files_of(few), "the close of another user's file")
             gate.open()
@@ -212,7 +212,7 @@ def files_that_never_close():
             gone = slow_close(few, gate, hangs, status)
             os.kill(gone, signal.SIGKILL)
             os.waitpid(gone, 0)
-            with Client(few.socket, timeout=20) as other:
+            with Client(few.socket, timeout=e2e.PATIENCE) as other:
                 e2e.until(lambda: other.ask("status_request", pb.StatusRequest()).connections == 1, "who is gone while he waits stays connected")
             expect(few.log_text().count("is cut off") == told, "who is gone while he waits stays until he is cut off")
             gate.open()
@@ -252,16 +252,7 @@ def files_of(daemon):
 
 
 def wait_until(cond, what):
-    deadline = time.monotonic() + 10
-    while not cond():
-        expect(time.monotonic() < deadline, "%s does not come up" % what)
-        time.sleep(0.02)
-
-
-def cpu_seconds(pid):
-    with open("/proc/%d/stat" % pid) as f:
-        fields = f.read().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    e2e.until(cond, "%s does not come up" % what)
 
 
 def descriptors_run_out():
@@ -273,15 +264,15 @@ def descriptors_run_out():
             crowd = []
             for _ in range(60):
                 s = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-                s.settimeout(5)
+                s.settimeout(e2e.PATIENCE)
                 s.connect(few.socket)
                 crowd.append(s)
             pid = few.process.pid
             time.sleep(0.3)
             inside.ping()
-            start = cpu_seconds(pid)
+            start = e2e.cpu_of(pid)
             time.sleep(2)
-            used = (cpu_seconds(pid) - start) / 2
+            used = (e2e.cpu_of(pid) - start) / 2
             expect(used < 0.05, "%.0f %% CPU while no descriptor is left" % (100 * used))
             with open(hostile.LAS, "rb") as f:
                 try:
@@ -290,15 +281,14 @@ def descriptors_run_out():
                     expect(e.code == "busy", "no room for a descriptor: %s" % e)
             for s in crowd:
                 s.close()
-        deadline = time.monotonic() + 5
-        while True:
+
+        def let_in():
             try:
-                with Client(few.socket, timeout=5) as fresh:
-                    fresh.ping()
-                break
+                with Client(few.socket, timeout=e2e.PATIENCE) as fresh:
+                    return fresh.ping() >= 0
             except (Gone, Breach, OSError):
-                expect(time.monotonic() < deadline, "nobody is let in afterwards")
-                time.sleep(0.1)
+                return False
+        e2e.until(let_in, "nobody is let in afterwards")
     others_are_served()
 
 

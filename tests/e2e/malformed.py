@@ -58,12 +58,10 @@ def every_file():
                     commands.append((["mesh", "--json", "--planar", "-o", out, path] +
                                      (["--accept-truncated"] if options == "t" else []), row))
             for command, row in commands:
-                start = time.monotonic()
                 try:
-                    said = check(d.ctl(*command, timeout=60), path, row)
+                    said = check(d.ctl(*command, timeout=e2e.PATIENCE), path, row)
                     # info tells what is there as well as what is claimed
                     expect(not said or command[0] == "info" or said["points"] == row[5], "%s points" % (said or {}).get("points"))
-                    expect(time.monotonic() - start < 10, "it took %.1f s" % (time.monotonic() - start))
                 except (Fault, KeyError, ValueError) as e:
                     faults.append("%s %s: %s" % (command[0], name, e))
                 if os.path.exists(out):

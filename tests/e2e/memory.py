@@ -334,7 +334,7 @@ def crowd(b, n):
     wires = []
     for _ in range(n):
         s = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        s.settimeout(5)
+        s.settimeout(e2e.PATIENCE)
         s.connect(b.socket)
         s.sendall(hello)
         s.setblocking(False)
@@ -345,9 +345,9 @@ def crowd(b, n):
                 s.send(question * 20)
             except OSError:
                 pass
-        with Client(b.socket, timeout=20) as c:
+        with Client(b.socket, timeout=e2e.PATIENCE) as c:
             c.ping()
-    with Client(b.socket, timeout=20) as c:
+    with Client(b.socket, timeout=e2e.PATIENCE) as c:
         c.ping()
     if b.group:
         # Unread answers that lie in sockets are the kernel's memory, but count with the group.
@@ -363,7 +363,7 @@ def lengths(b):
     hello = pack(1, pb.Message(hello=pb.Hello(version_min=1, version_max=1, program="hostile")))
     for i in range(150):
         s = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        s.settimeout(5)
+        s.settimeout(e2e.PATIENCE)
         s.connect(b.socket)
         try:
             s.sendall(hello)
@@ -375,7 +375,7 @@ def lengths(b):
             pass
         wires.append(s)
         if i % 10 == 0:
-            with Client(b.socket, timeout=20) as c:
+            with Client(b.socket, timeout=e2e.PATIENCE) as c:
                 c.ping()
     for s in wires:
         s.close()

@@ -25,7 +25,7 @@ def digests(d, name, at=None):
     return got["digest"], got["vertex_digest"], got["points"]
 
 
-def settled(d, name, seconds=20):
+def settled(d, name, seconds=e2e.PATIENCE):
     """Waits until no merge runs any more; returns the number of segments."""
     last, since = None, time.monotonic()
     until = since + seconds
@@ -40,7 +40,7 @@ def settled(d, name, seconds=20):
     raise e2e.Fault("%s does not come to rest: %s" % (name, last))
 
 
-def tidy(d, name, seconds=5):
+def tidy(d, name, seconds=e2e.PATIENCE):
     """One manifest, and the expected number of segments."""
     folder = os.path.join(d.state, "datasets", str(show(d, name)["id"]))
     until = time.monotonic() + seconds

@@ -253,10 +253,10 @@ def doctor_names_a_file_that_hangs():
             stalled = lambda: [c for c in [pushes()] if c["state"] == "warning"]
             check = e2e.until(stalled, "doctor does not see it", 1)[0]
             expect("1 pushes read" in check["message"] and hangs in check["message"] and "does not answer" in check["hint"], check)
-            begun = time.monotonic()
+            # Its file is still held.
             p.send_signal(signal.SIGINT)
-            p.communicate(timeout=60)
-            expect(p.returncode == 130 and time.monotonic() - begun < 10, "it took %.1f s, status %s" % (time.monotonic() - begun, p.returncode))
+            p.communicate(timeout=e2e.PATIENCE)
+            expect(p.returncode == 130, "status %s" % p.returncode)
             expect(hangs in stalled()[0]["message"], "forgotten when its client left")
             gate.open()
             e2e.until(lambda: pushes()["state"] == "ok", "doctor still sees it", 1)

@@ -147,10 +147,8 @@ def same_as_a_selection_of_our_own():
             expect(got["used"] + sum(got["removed"].values()) == POINTS, "the counts of %s do not add up: %s" % (options, got))
             print("%-70s used %6d %s" % (" ".join(options).replace(base, ""), got["used"], got["digest"]), flush=True)
         # No file of a one-step dataset remains, nor its selection.
-        deadline, left = time.monotonic() + 5, True
-        while left and time.monotonic() < deadline:
-            left = [n for _, _, files in os.walk(d.cache) for n in files if n not in ("lock", "acut-cache")]
-        expect(not left, "left in the cache: %s" % left)
+        left = lambda: [n for _, _, files in os.walk(d.cache) for n in files if n not in ("lock", "acut-cache")]
+        e2e.until(lambda: not left(), lambda: "left in the cache: %s" % left())
 
 
 def one_digest():
@@ -233,9 +231,7 @@ def kept_and_used_again():
             f.write(b"\xee" * 64)
         said = d.ctl("fetch", first, "-o", out)
         expect(said.status == 74 and "makes it new" in said.out + said.err, "%d %s%s" % (said.status, said.out, said.err))
-        deadline = time.monotonic() + 5
-        while selections(d) and time.monotonic() < deadline:
-            time.sleep(0.01)
+        e2e.until(lambda: not selections(d), "a damaged selection stays")
         d.ctl("fetch", first, "-o", out).ok()
         chosen = os.path.join(base, "chosen.las")
         s.write(chosen, select(s, every=2, cell=250, pick="median"))
@@ -274,46 +270,51 @@ def nothing_and_everything():
 
 
 def killed_and_cancelled():
-    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=1) as d:
-        path = os.path.join(base, "big.las")
-        e2e.run([e2e.SYNTH, "--points", 3000000, path]).ok()
-        d.ctl("push", "big", path).ok()
-        view = ["--thin", "1.1", "--thin-pick", "median"]
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, memory="24M", threads=1, env=gate.env) as d:
+            killed_and_cancelled_in(base, gate, d)
 
-        def caught():
-            """A job in the middle of its selection."""
-            job = d.ctl("submit", "big", "--new", *view).ok().out.split()[0]
-            deadline = time.monotonic() + 20
-            while time.monotonic() < deadline:
-                if any(n.startswith("tmp-") for n in selections(d)):
-                    return job
-                time.sleep(0.002)
-            raise e2e.Fault("no selection began: %s" % selections(d))
 
-        job = caught()
-        shown = d.ctl("show", job, "--json").json()
-        expect(shown["progress"]["phase"] == "select" and shown["state"] == "planning", str(shown))
-        d.ctl("cancel", job).ok()
-        expect(d.ctl("wait", job).status == 1, "a cancelled job")
-        expect(not any(n.startswith("tmp-") for n in selections(d)), "after a cancel: %s" % selections(d))
-        shutil.rmtree(os.path.join(d.cache, "selected"))
-        job = caught()
-        d.stop(signal.SIGKILL)
-        expect(any(n.startswith("tmp-") for n in selections(d)), "the kill came too late")
-        d.start()
-        expect(not any(n.startswith("tmp-") for n in selections(d)) or d.ctl("show", job, "--json").json()["state"] != "done",
-               "not swept: %s" % selections(d))
-        d.ctl("wait", job).ok()
-        got = d.ctl("show", job, "--json").ok().json()
-        expect(len(selections(d)) == 1 and not selections(d)[0].startswith("tmp-"), str(selections(d)))
-        with e2e.Daemon(base, name="-b") as other:
-            want = mesh(other, base, *view, path)
-        expect(got["digest"] == want["digest"] and got["removed"] == want["removed"], "%s\n%s" % (got, want))
-        # Two jobs that want the same selection: it is made once, both are done.
-        shutil.rmtree(os.path.join(d.cache, "selected"))
-        jobs = [d.ctl("submit", "big", "--new", *view).ok().out.split()[0] for _ in range(2)]
-        d.ctl("wait", *jobs).ok()
-        expect(len(selections(d)) == 1, str(selections(d)))
+def killed_and_cancelled_in(base, gate, d):
+    path = os.path.join(base, "big.las")
+    e2e.run([e2e.SYNTH, "--points", 300000, path]).ok()
+    d.ctl("push", "big", path).ok()
+    view = ["--thin", "1.1", "--thin-pick", "median"]
+
+    def caught():
+        """A job in the middle of its selection, until the gate is opened."""
+        gate.close("pwrite", "/selected/tmp-", 1)
+        job = d.ctl("submit", "big", "--new", *view).ok().out.split()[0]
+        expect(gate.wait(), "no selection began")
+        return job
+
+    job = caught()
+    shown = d.ctl("show", job, "--json").json()
+    expect(shown["progress"]["phase"] == "select" and shown["state"] == "planning", str(shown))
+    d.ctl("cancel", job).ok()
+    gate.open()
+    expect(d.ctl("wait", job).status == 1, "a cancelled job")
+    expect(not any(n.startswith("tmp-") for n in selections(d)), "after a cancel: %s" % selections(d))
+    shutil.rmtree(os.path.join(d.cache, "selected"))
+    job = caught()
+    d.stop(signal.SIGKILL)
+    gate.open()
+    expect(any(n.startswith("tmp-") for n in selections(d)), "no file is left")
+    d.start()
+    expect(not any(n.startswith("tmp-") for n in selections(d)) or d.ctl("show", job, "--json").json()["state"] != "done",
+           "not swept: %s" % selections(d))
+    d.ctl("wait", job).ok()
+    got = d.ctl("show", job, "--json").ok().json()
+    expect(len(selections(d)) == 1 and not selections(d)[0].startswith("tmp-"), str(selections(d)))
+    with e2e.Daemon(base, name="-b") as other:
+        want = mesh(other, base, *view, path)
+    expect(got["digest"] == want["digest"] and got["removed"] == want["removed"], "%s\n%s" % (got, want))
+    # Two jobs that want the same selection: it is made once, both are done.
+    shutil.rmtree(os.path.join(d.cache, "selected"))
+    jobs = [d.ctl("submit", "big", "--new", *view).ok().out.split()[0] for _ in range(2)]
+    d.ctl("wait", *jobs).ok()
+    expect(len(selections(d)) == 1, str(selections(d)))
 
 
 def domains_from_files_alone():

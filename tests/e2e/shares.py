@@ -140,7 +140,7 @@ def datasets():
         ways = (("push", "e", box.survey()), ("dataset", "create", "e"), ("dataset", "import", base + "/out", "e"))
         for words in ways:
             p = box.start("anna", *words)
-            err = p.communicate(timeout=30)[1].decode()
+            err = p.communicate(timeout=e2e.PATIENCE)[1].decode()
             expect(p.returncode == 1 and "user-datasets" in err and "3" in err, "%s: %d %s" % (words, p.returncode, err))
             expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
         box.good("anna", "push", "b", box.survey())  # into what is there

@@ -166,14 +166,8 @@ def derived_goes_first_and_pushed_never():
         for name in ("a", "b", "c"):
             expect(d.ctl("dataset", "show", name, "--json").ok().json()["points"] == 150000, "points of %s" % name)
         # What is counted is what is there, when no eviction is under way.
-        counted, there = 0, 1
-        for _ in range(100):
-            counted = stat(d)["kinds"]["domains"]["bytes"]
-            there = bytes_below(os.path.join(d.cache, "domains"))
-            if counted == there:
-                break
-            time.sleep(0.1)
-        expect(counted == there, "%d counted, %d there" % (counted, there))
+        counted = lambda: (stat(d)["kinds"]["domains"]["bytes"], bytes_below(os.path.join(d.cache, "domains")))
+        e2e.until(lambda: len(set(counted())) == 1, lambda: "%d counted, %d there" % counted())
         # A push takes the place of derived data.
         d.ctl("push", "d", synth(os.path.join(base, "d.las"), 300000, 4)).ok()
         expect(stat(d)["state_disk"]["used"] <= 20 * MIB, stat(d))

@@ -106,7 +106,7 @@ def killed_while_converting():
                                           stdout=e2e.subprocess.DEVNULL, stderr=e2e.subprocess.DEVNULL)
             time.sleep(delay)
             d.stop(signal.SIGKILL)
-            client.wait(20)
+            client.wait(e2e.PATIENCE)
         with d:
             d.ctl("push", "valley", "--checksum", base + "/inputs/c.las").ok()
             same(mesh(d, "valley"), expected["valley with c"], "after kills")
@@ -152,7 +152,7 @@ def newer_is_refused():
                 db = sqlite3.connect(base + "/state/catalogue.db")
                 db.execute("PRAGMA user_version = 99")
                 db.close()
-                got = e2e.run(d.command, timeout=10)
+                got = e2e.run(d.command, timeout=e2e.PATIENCE)
                 expect(got.status == 76 and "a newer acutd" in got.err and "99" in got.err, "catalogue: %s" % got.err)
                 continue
             path = [folder + n for n in names if (n.startswith("manifest") if kind == "manifest" else

@@ -34,13 +34,6 @@ class Killed(Exception):
     """The daemon was killed, as intended."""
 
 
-def cpu_of(pid):
-    """CPU seconds of a process."""
-    with open("/proc/%d/stat" % pid) as f:
-        fields = f.read().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 class Store:
     """State and cache below `base`, and the daemons that use them, one after the other."""
 
@@ -77,7 +70,7 @@ class Store:
                 raise Fault("acutd is not ready within %d s\n%s" % (within, self.log_text()))
             if not prefix and not env:
                 self.starts.append(time.monotonic() - begun)
-                self.worked.append(cpu_of(self.process.pid))
+                self.worked.append(e2e.cpu_of(self.process.pid))
         return self
 
     def ended(self):
@@ -212,7 +205,7 @@ def work(store, inputs, acks, name):
         if r.status in (69, 74) and "closed" in r.out + r.err:
             raise Killed()
         # The socket is closed before the process ends.
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + e2e.PATIENCE
         while r.status and time.monotonic() < deadline:
             if not store.alive():
                 raise Killed()

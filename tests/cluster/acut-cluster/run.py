@@ -112,7 +112,7 @@ def interrupted(base):
     check("seen from outside", s["state"] == "running" and s["phases"][0]["running"] == 1 and s["phases"][1]["waiting"] > 0, str(s))
     run(CLUSTER, "clean", work, "--force", status=1)
     p.send_signal(signal.SIGINT)
-    out = p.communicate(timeout=30)[0]
+    out = p.communicate(timeout=e2e.PATIENCE)[0]
     check("interrupted", p.returncode == 130 and "resume" in out, "%d %s" % (p.returncode, out))
     check("nothing runs any more", show(work)["state"] == "stopped", str(show(work)))
     run(CLUSTER, "cancel", work)
@@ -125,7 +125,7 @@ def interrupted(base):
     check("nothing is left", not os.path.exists(work))
     p = start()
     q = run(CLUSTER, "cancel", work)
-    out = p.communicate(timeout=30)[0]
+    out = p.communicate(timeout=e2e.PATIENCE)[0]
     check("a run that is cancelled while it is waited for", p.returncode == 1 and "the run was cancelled" in out and "1 job;" in q.stdout + q.stderr,
           "%d %s %s%s" % (p.returncode, out, q.stdout, q.stderr))
     run(CLUSTER, "clean", work, "--force")

@@ -9,7 +9,7 @@ import time
 
 from checks import asked, check, end
 from dispatch_tasks import Tasks
-from e2e import until
+from e2e import PATIENCE, until
 
 
 class Work(Tasks):
@@ -18,8 +18,10 @@ class Work(Tasks):
 
 
 def order(base):
+    # The first tasks wait for each other; the last one of a phase, and any after those, for none.
     w = Work(base, 'case $p in b) [ "$(ls "$w"/done/a-* | wc -l)" = 5 ] || exit 9;; esac\n'
-                   'n=$(mktemp -p "$w" now-XXXXXX); ls "$w"/now-* | wc -l >>"$w/at"; sleep 0.2; rm "$n"')
+                   'n=$(mktemp -p "$w" now-XXXXXX)\n'
+                   'for k in $(seq 3000); do ls "$w"/now-* | wc -l >>"$w/at"; grep -q "[2-9]" "$w/at" && break; sleep 0.02; done; sleep 0.2; rm "$n"')
     status, out = w.run("wait", "a=5", "none=0", "b=3", DISPATCH_MOST="3")
     check("all are done", status == 0 and len(w.done()) == 8 and "a 5 0 0 0" in out and "b 3 0 0 0" in out, out)
     with open(w.path + "/at") as f:
@@ -69,7 +71,7 @@ def stop(base):
         until(lambda: all(os.path.exists(w.path + "/pid-%d" % i) and os.path.getsize(w.path + "/pid-%d" % i) for i in (0, 1)), "no task begins")
         pids = [int(open(w.path + "/pid-%d" % i).read()) for i in (0, 1)]
         p.send_signal(how)
-        status = p.wait(20)
+        status = p.wait(PATIENCE)
         if how == signal.SIGKILL:  # it could not wait for them
             until(lambda: not any(lives(n) for n in pids), "the tasks of a killed driver live")
         check("a driver that ends with %s ends its tasks" % how.name, not any(lives(n) for n in pids), str(pids))
@@ -90,7 +92,7 @@ def locked(folder):
 def at_once(base):
     w = Work(base, "sleep 0.05")
     both = [w.start("wait", "a=6", "b=3") for _ in range(4)]
-    outs = [p.communicate(timeout=60)[0] for p in both]
+    outs = [p.communicate(timeout=PATIENCE)[0] for p in both]
     check("four drivers at once", all(p.returncode == 0 for p in both) and all("b 3 0 0 0" in o for o in outs), str(outs))
     check("start each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), str(outs))
 
@@ -104,15 +106,15 @@ def two(base):
     q = w.start("wait", *phases)
     time.sleep(0.5)
     open(w.path + "/go", "w").close()
-    out = q.communicate(timeout=60)[0]
-    check("both see the end", p.wait(20) == 0 and q.returncode == 0 and "a 6 0 0 0" in out and "b 3 0 0 0" in out, out)
+    out = q.communicate(timeout=PATIENCE)[0]
+    check("both see the end", p.wait(PATIENCE) == 0 and q.returncode == 0 and "a 6 0 0 0" in out and "b 3 0 0 0" in out, out)
     check("each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), out)
     w = Work(base, "true")
     with locked(w.path + "/log"):
         p = w.start("wait", *phases)
         note = p.stdout.readline()
         check("who begins at the same instant waits", "another process starts the tasks" in note and not w.done(), note)
-    out = p.communicate(timeout=60)[0]
+    out = p.communicate(timeout=PATIENCE)[0]
     check("and goes on", p.returncode == 0 and "b 3 0 0 0" in out and "again" not in out, out)
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done')
     p = w.start("wait", *phases)
@@ -121,13 +123,13 @@ def two(base):
     time.sleep(0.5)
     p.kill()
     open(w.path + "/go", "w").close()
-    out = q.communicate(timeout=60)[0]
-    check("it goes on", p.wait(20) == -9 and q.returncode == 0 and len(w.done()) == 9, out)
+    out = q.communicate(timeout=PATIENCE)[0]
+    check("it goes on", p.wait(PATIENCE) == -9 and q.returncode == 0 and len(w.done()) == 9, out)
     w = Work(base, 'exec sleep 50')
     p = w.start("wait", *phases)
     until(lambda: os.path.exists(w.path + "/log/a-0"), "no task begins")
     q = w.start("cancel", *phases)
-    check("cancel ends the driver", p.wait(20) == 3 and q.wait(20) == 0)
+    check("cancel ends the driver", p.wait(PATIENCE) == 3 and q.wait(PATIENCE) == 0)
 
 
 def script(base):
