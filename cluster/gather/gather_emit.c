@@ -14,6 +14,10 @@
 #include "io.h"
 #include "mesh_stream.h"
 
+/* What an open vertex takes in the table of the feed (libacut's check.c) and in that of the writers (outputs_front.c), which
+ * double. */
+enum { OPEN_BYTES = 216, MEGA = 1 << 20 };
+
 struct emission {
 	const struct gather_input *in;
 	struct pipe_emitter *emitter;
@@ -21,17 +25,34 @@ struct emission {
 	struct feed feed;
 	void *memory;
 	size_t size;
-	uint64_t blocks;
-	int temp; /* folder of the spill file; -1: that of the run */
+	uint64_t blocks, open_most; /* vertices that may be open at once */
+	int temp;                   /* folder of the spill file; -1: that of the run */
 };
+
+/* Nearly all vertices are, where points are in convex position. */
+static int check_open_vertices(const struct emission *e, struct err *err)
+{
+	const struct gather_params *p = e->in->p;
+
+	if (check_open(e->feed.check) <= e->open_most)
+		return 0;
+	err_set(err, ERR_LIMIT,
+		"more than %llu of %llu vertices are open at once, as in convex position, and their tables do not fit a task",
+		(unsigned long long)e->open_most, (unsigned long long)e->in->sums.vertices);
+	err->need = p->memory + 4 * OPEN_BYTES * (e->in->sums.vertices - e->open_most);
+	return err_add_hint(err, "make PLY or STL by several tasks (--task-points), or begin a new run with --task-memory %lluM",
+			    (unsigned long long)((err->need + MEGA - 1) / MEGA));
+}
 
 static int take_block(void *ctx, const struct mesh_block *b, struct err *err)
 {
 	struct emission *e = ctx;
 	const struct stream_block block = mesh_stream_block(b);
+	int r;
 
 	e->blocks++;
-	return feed_block(&e->feed, &block, err);
+	r = feed_block(&e->feed, &block, err);
+	return r ? r : check_open_vertices(e, err);
 }
 
 static int emit_one(void *ctx, const struct store_pack *pack, const struct store_pack_entry *entry, struct err *err)
@@ -109,7 +130,12 @@ int gather_emit(const struct gather_input *in, const struct gather_choice *choic
 	int r = e && head ? 0 : err_set(err, ERR_NOMEM, "no memory to emit a mesh");
 
 	if (!r) {
-		*e = (struct emission){.in = in, .sink = {e, take_block}, .feed.sink = sink, .size = in->memory + 64, .temp = -1};
+		*e = (struct emission){.in = in,
+				       .sink = {e, take_block},
+				       .feed.sink = sink,
+				       .size = in->memory + 64,
+				       .open_most = memory / OPEN_BYTES,
+				       .temp = -1};
 		gather_head(in, head);
 		r = begin(e, head, choice != NULL, memory, err);
 	}

@@ -47,9 +47,17 @@ int phase_run(struct work *w, enum work_phase phase, uint32_t task, const struct
 
 /* ---- memory ---- */
 
-uint64_t phase_lists(const struct phase *s)
+uint64_t phase_arena(const struct phase *s)
 {
-	return s->p->memory / LISTS_SHARE;
+	const uint64_t left = ledger_left(s->ledger), lists = s->p->memory / LISTS_SHARE;
+
+	return left > lists ? left - lists : 0;
+}
+
+/* Shares of the memory grow with it. */
+uint64_t phase_arena_needs(const struct phase *s, uint64_t bytes)
+{
+	return (bytes + s->p->memory - ledger_left(s->ledger)) * 5 / 4 + (1 << 20);
 }
 
 static uint64_t index_bytes(const struct phase *s)

@@ -33,16 +33,14 @@ struct planning {
 /* The largest cap that fits. */
 static int choose_budget(const struct phase *s, struct pipe_budget *ret, struct err *err)
 {
-	const uint64_t left = ledger_left(s->ledger), lists = phase_lists(s), memory = left > lists ? left - lists : 0;
 	int r = -ERR_LIMIT;
 
 	for (int rung = PIPE_LOADS; r && rung-- > 0;) {
 		err_clear(err);
-		r = pipe_budget_fixed(pipe_load[rung], memory, 0, 0, s->grid, ret, err);
+		r = pipe_budget_fixed(pipe_load[rung], phase_arena(s), 0, 0, s->grid, ret, err);
 	}
-	/* Shares of the memory grow with it. */
 	if (r)
-		return phase_needs(s, (err->need + s->p->memory - left) * 5 / 4 + (1 << 20), err);
+		return phase_needs(s, phase_arena_needs(s, err->need), err);
 	if (ret->load > PIPE_KEPT_LOAD)
 		ret->load = PIPE_KEPT_LOAD;
 	if (s->p->load)

@@ -28,8 +28,10 @@ int phase_run(struct work *, enum work_phase, uint32_t task, const struct mesh_p
 int phase_open(struct phase *, struct err *err);
 /* What a view asks for that no run of a cluster makes; NULL: nothing. */
 const char *phase_refuses(const struct view *);
-/* Memory of a task that is for lists, which grow with its regions. */
-uint64_t phase_lists(const struct phase *);
+/* Memory of a task for the arena, once the dataset is open. The rest is for lists, which grow with its regions. */
+uint64_t phase_arena(const struct phase *);
+/* What a task has to have for an arena of so many bytes. */
+uint64_t phase_arena_needs(const struct phase *, uint64_t bytes);
 /* -ERR_LIMIT with what would suffice. */
 int phase_needs(const struct phase *, uint64_t bytes, struct err *err);
 

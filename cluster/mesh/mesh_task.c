@@ -2,8 +2,9 @@
  * The phase mesh: the domains of a range of top leaves, in plan order, in one pack.
  *
  * The model: one arena and one open grid for all domains. A top leaf is halved down to the load as a plan of the whole would be,
- * and a region that does not fit with its halo is split as in acutd; load and cap are those of the plan. So the pack depends on
- * the dataset and the plan alone, and a repeated attempt writes the same bytes.
+ * and a region that does not fit with its halo is split as in acutd; load and cap are those of the plan. Where no split helps, a
+ * top leaf gets as much as the memory of the run allows. So the pack depends on the dataset, the plan and that memory alone, and
+ * a repeated attempt writes the same bytes.
  */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -22,7 +23,9 @@
 struct making {
 	struct phase *s;
 	struct mesh_plan plan;
-	struct pipe_budget budget;
+	uint64_t memory;                  /* for the arena */
+	bool huge;                        /* with huge pages */
+	struct pipe_budget usual, budget; /* of the plan; of the arena */
 	struct pipe_key key;
 	uint8_t *arena;
 	size_t arena_bytes;
@@ -39,36 +42,64 @@ static size_t huge_round(size_t n)
 	return (n + HUGE_PAGE - 1) & ~(HUGE_PAGE - 1);
 }
 
-static int take_arena(struct making *m, bool huge, struct err *err)
-{
-	struct phase *s = m->s;
-	const uint64_t left = ledger_left(s->ledger), lists = phase_lists(s), memory = left > lists ? left - lists : 0;
-	struct err why = ERR_INIT;
-	void *at;
-
-	if (pipe_budget_kept(memory, 1, s->grid, m->plan.load, m->plan.cap, &m->budget, &why) ||
-	    !ledger_take(s->ledger, LEDGER_DOMAIN, m->budget.domain_bytes)) {
-		/* The plan was made with the same memory, and the dataset has not changed. */
-		err_set(err, ERR_LIMIT, "a domain does not fit a task with the memory that it has now: %s", why.message);
-		return err_add_hint(err, "give tasks the memory with which the plan was made");
-	}
-	m->arena_bytes = huge_round(m->budget.domain_bytes) + HUGE_PAGE;
-	at = mmap(NULL, m->arena_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-	if (at == MAP_FAILED) {
-		ledger_give(s->ledger, LEDGER_DOMAIN, m->budget.domain_bytes);
-		return err_set(err, ERR_NOMEM, "no memory for a domain of %zu bytes", m->budget.domain_bytes);
-	}
-	m->arena = at;
-	madvise(at, m->arena_bytes, huge ? MADV_HUGEPAGE : MADV_NOHUGEPAGE);
-	return 0;
-}
-
 static void give_arena(struct making *m)
 {
 	if (!m->arena)
 		return;
 	munmap(m->arena, m->arena_bytes);
 	ledger_give(m->s->ledger, LEDGER_DOMAIN, m->budget.domain_bytes);
+	m->arena = NULL;
+}
+
+/* In place of the one before. */
+static int take_arena(struct making *m, const struct pipe_budget *budget, struct err *err)
+{
+	void *at;
+
+	give_arena(m);
+	if (!ledger_take(m->s->ledger, LEDGER_DOMAIN, budget->domain_bytes))
+		return phase_needs(m->s, phase_arena_needs(m->s, budget->domain_bytes), err);
+	m->arena_bytes = huge_round(budget->domain_bytes) + HUGE_PAGE;
+	at = mmap(NULL, m->arena_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+	if (at == MAP_FAILED) {
+		ledger_give(m->s->ledger, LEDGER_DOMAIN, budget->domain_bytes);
+		return err_set(err, ERR_NOMEM, "no memory for a domain of %zu bytes", budget->domain_bytes);
+	}
+	m->arena = at;
+	m->budget = *budget;
+	madvise(at, m->arena_bytes, m->huge ? MADV_HUGEPAGE : MADV_NOHUGEPAGE);
+	return 0;
+}
+
+static int take_usual(struct making *m, bool many, struct err *err)
+{
+	struct err why = ERR_INIT;
+
+	m->memory = phase_arena(m->s);
+	m->huge = many || m->plan.top > HUGE_LEAVES * m->plan.load;
+	if (!pipe_budget_kept(m->memory, 1, m->s->grid, m->plan.load, m->plan.cap, &m->usual, &why))
+		return take_arena(m, &m->usual, err);
+	/* The plan was made with the same memory, and the dataset has not changed. */
+	err_set(err, ERR_LIMIT, "a domain does not fit a task with the memory that it has now: %s", why.message);
+	return err_add_hint(err, "give tasks the memory with which the plan was made");
+}
+
+/* An arena for a region of so many positions, as acutd has it for points in convex position. */
+static int take_wide(struct making *m, uint64_t positions, struct err *err)
+{
+	const struct pipe_wide params = {m->memory, 1, positions, (uint64_t)m->budget.cap + 1};
+	struct pipe_budget wide;
+	uint64_t bytes;
+
+	give_arena(m);
+	err_clear(err);
+	if (!pipe_budget_wide(&params, m->s->grid, &wide, &bytes, err))
+		return take_arena(m, &wide, err);
+	if (bytes == UINT64_MAX)
+		return err_add_hint(err, "leave out points");
+	err->need = phase_arena_needs(m->s, bytes);
+	return err_add_hint(err, "begin a new run with --task-memory %lluM or more",
+			    (unsigned long long)((err->need + (1 << 20) - 1) >> 20));
 }
 
 /* With huge pages it begins on one. */
@@ -106,10 +137,8 @@ static int split(struct making *m, struct cut_plan *plan, size_t i, uint64_t nee
 	int r = with_reader(m, &reader, err);
 
 	if (!r)
-		r = pipe_plan_split(plan, i, reader, &m->s->view, need, m->plan.cap, err);
+		r = pipe_plan_split(plan, i, reader, &m->s->view, need, m->budget.cap, err);
 	grid_reader_free(reader);
-	if (r == -ERR_LIMIT)
-		err_add_hint(err, "give tasks more memory with --task-memory");
 	return r;
 }
 
@@ -129,7 +158,7 @@ static int make_one(struct making *m, struct cut_plan *plan, size_t i, bool *ret
 	return r ? r : charge_index(m, err);
 }
 
-static int make_leaf(struct making *m, const struct cut_region *region, struct err *err)
+static int make_below(struct making *m, const struct cut_region *region, struct err *err)
 {
 	struct grid_reader *reader = NULL;
 	struct cut_plan plan = {0};
@@ -137,7 +166,7 @@ static int make_leaf(struct making *m, const struct cut_region *region, struct e
 	int r = with_reader(m, &reader, err);
 
 	if (!r)
-		r = cut_plan_below(reader, region, m->plan.leaves == 1, m->plan.load, &plan, err);
+		r = cut_plan_below(reader, region, m->plan.leaves == 1, m->budget.load, &plan, err);
 	grid_reader_free(reader);
 	if (!r && m->plan.flat)
 		cut_plan_make_flat(&plan);
@@ -148,6 +177,28 @@ static int make_leaf(struct making *m, const struct cut_region *region, struct e
 			r = make_one(m, &plan, i, &made, err);
 	}
 	cut_plan_done(&plan);
+	return r;
+}
+
+/* A top leaf of which a region does not fit, however small it is, is begun again with a wider arena. The next one is not wider
+ * for that, so domains do not depend on the division. */
+static int make_leaf(struct making *m, const struct cut_region *region, struct err *err)
+{
+	const size_t before = store_packer_domains(m->packer);
+	const struct mesh_sums sums = m->sums;
+	int r = make_below(m, region, err);
+
+	while (pipe_budget_narrow(&m->budget, m->s->grid, r, err)) {
+		r = take_wide(m, err->need, err);
+		if (!r)
+			r = store_packer_keep(m->packer, before, err);
+		if (r)
+			return r;
+		m->sums = sums;
+		r = make_below(m, region, err);
+	}
+	if (!r && m->budget.cap != m->usual.cap)
+		r = take_arena(m, &m->usual, err);
 	return r == -ERR_BUSY ? phase_needs(m->s, 2 * m->s->p->memory, err) : r;
 }
 
@@ -206,7 +257,7 @@ static int make_range(struct making *m, const struct cut_region *region, uint64_
 		return phase_needs(m->s, m->s->p->memory + bytes, err);
 	r = open_all(m, err);
 	if (!r)
-		r = take_arena(m, n >= HUGE_LEAVES || m->plan.top > HUGE_LEAVES * m->plan.load, err);
+		r = take_usual(m, n >= HUGE_LEAVES, err);
 	if (!r)
 		r = make_pack(m, region, n, err);
 	give_arena(m);

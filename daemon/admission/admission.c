@@ -252,9 +252,10 @@ uint64_t admission_memory_for(struct admission *a, const struct grid *grid, uint
 
 	THREAD_LOOP_ONLY();
 	for (; total <= total_max; total = next_total(total)) {
+		const struct pipe_wide wide = {alone_bytes(a, total), PIPE_MADE_AND_SENT, positions, 0};
 		struct err err = ERR_INIT;
 
-		if (!pipe_budget_wide(alone_bytes(a, total), positions, grid, &b, &need, &err))
+		if (!pipe_budget_wide(&wide, grid, &b, &need, &err))
 			return total;
 		if (need == UINT64_MAX)
 			break;

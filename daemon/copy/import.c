@@ -472,7 +472,7 @@ static int read_sources(struct import *i, struct err *err)
 	r = grid_manifest_complete(i->dataset->dirfd, i->m, err);
 	for (size_t k = 0; k < i->m->nfiles; k++) {
 		if (r && !strcmp(err->file, i->m->files[k].name))
-			snprintf(err->file, sizeof err->file, "%s", sent[k]);
+			snprintf(err->file, sizeof err->file, "%.*s", NAME - 1, sent[k]);
 		memcpy(i->m->files[k].name, sent[k], NAME);
 	}
 	return r;

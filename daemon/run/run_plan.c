@@ -346,6 +346,14 @@ static void plan_forget(struct run *w)
 	w->stored_leaves = (struct run_stored_leaves){0};
 }
 
+static int wide_budget(struct run *w, uint64_t memory, uint64_t positions, struct pipe_budget *ret, uint64_t *ret_need,
+		       struct err *err)
+{
+	const struct pipe_wide wide = {memory, PIPE_MADE_AND_SENT, positions, 0};
+
+	return pipe_budget_wide(&wide, w->grid, ret, ret_need, err);
+}
+
 /* A region needs more positions than the domains have room for, however small it is: points in convex position. It begins again
  * with fewer, larger domains, as long as the memory suffices for one. */
 static bool retry_wider(struct run *w)
@@ -354,8 +362,8 @@ static bool retry_wider(struct run *w)
 	struct err err = ERR_INIT;
 	uint64_t bytes;
 
-	if (w->r != -ERR_LIMIT || w->stopping || w->planned || w->err.need <= w->budget.cap ||
-	    pipe_budget_wide(alone_memory(w), w->err.need, w->grid, &wide, &bytes, &err))
+	if (w->stopping || w->planned || !pipe_budget_narrow(&w->budget, w->grid, w->r, &w->err) ||
+	    wide_budget(w, alone_memory(w), w->err.need, &wide, &bytes, &err))
 		return false;
 	w->wide = w->err.need;
 	plan_forget(w);
@@ -502,7 +510,7 @@ void run_plan_start(struct run *w)
 	if (admission_check_size(runs->admission, least, "meshing", &err) ||
 	    admission_user_check_size(runs->admission, &w->owner, least + admission_share(runs->admission), "meshing", &err)) {
 		run_fail(w, &err);
-	} else if (!(w->wide ? pipe_budget_wide(all, w->wide, w->grid, &w->budget, &least, &err) :
+	} else if (!(w->wide ? wide_budget(w, all, w->wide, &w->budget, &least, &err) :
 			       pipe_budget(all, runs->core->p.threads, w->grid, &w->budget, &err))) {
 		narrow_leaves(w);
 		plan_begin(w);

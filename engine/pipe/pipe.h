@@ -124,13 +124,22 @@ struct pipe_budget {
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err);
 
 /*
- * One thread, and room for at least `positions` in a domain, which may be more than any load has: for points in convex position,
- * of which every region needs nearly all. The cap is twice `positions` where the memory suffices, since their number was an
- * estimate; the load is the largest that the cap allows, because small leaves would all load the same points. -ERR_LIMIT:
- * *ret_need bytes, at most UINT64_MAX if no memory is enough, would suffice.
+ * One thread, and room for more positions in a domain than any load has: for points in convex position, of which every region
+ * needs nearly all. The cap is twice `positions` where the memory suffices, since their number is an estimate; the load is the
+ * largest that the cap allows, because small leaves would all load the same points. -ERR_LIMIT: the memory has not even room for
+ * `least`; *ret_need bytes would do for `positions`, UINT64_MAX if no memory does.
  */
-int pipe_budget_wide(uint64_t memory, uint64_t positions, const struct grid *grid, struct pipe_budget *ret, uint64_t *ret_need,
+enum { PIPE_MADE_AND_SENT = 2 };
+struct pipe_wide {
+	uint64_t memory;
+	unsigned domains;          /* as many have to fit: PIPE_MADE_AND_SENT, if one is sent while the next is made, or 1 */
+	uint64_t positions, least; /* least 0: as many as `positions`; an estimate above what the grid can need is lowered */
+};
+int pipe_budget_wide(const struct pipe_wide *, const struct grid *grid, struct pipe_budget *ret, uint64_t *ret_need,
 		     struct err *err);
+/* Whether r, from pipe_plan, its steps or pipe_plan_split, says that a region needs more positions than fit the budget, however
+ * small it is. A wide budget for err->need may then have room, with which the plan is made again. */
+bool pipe_budget_narrow(const struct pipe_budget *, const struct grid *, int r, const struct err *err);
 
 /* One domain with this load, if `fixed` bytes, and `each` bytes for each position of the cap, are used beside it. -ERR_LIMIT: the
  * memory does not suffice; err->need would. */

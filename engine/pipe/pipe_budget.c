@@ -40,7 +40,7 @@ static size_t reader_bytes_of(const struct grid *grid)
 
 size_t pipe_budget_min(const struct grid *grid)
 {
-	return 2 * pipe_domain_bytes(cap_of(pipe_load[0]), reader_bytes_of(grid));
+	return PIPE_MADE_AND_SENT * pipe_domain_bytes(cap_of(pipe_load[0]), reader_bytes_of(grid));
 }
 
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err)
@@ -74,26 +74,39 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
 
-int pipe_budget_wide(uint64_t memory, uint64_t positions, const struct grid *grid, struct pipe_budget *ret, uint64_t *ret_need,
+/* No region needs more: all points, and what tables of weights take. */
+static uint64_t positions_most(const struct grid *grid)
+{
+	return grid ? 2 * grid_points(grid) : UINT64_MAX;
+}
+
+bool pipe_budget_narrow(const struct pipe_budget *budget, const struct grid *grid, int r, const struct err *err)
+{
+	return r == -ERR_LIMIT && err->need > budget->cap && budget->cap < positions_most(grid);
+}
+
+int pipe_budget_wide(const struct pipe_wide *w, const struct grid *grid, struct pipe_budget *ret, uint64_t *ret_need,
 		     struct err *err)
 {
-	size_t reader = reader_bytes_of(grid);
-	uint64_t cap = positions < TRI_MAX_POINTS / 2 ? 2 * positions : TRI_MAX_POINTS;
+	const uint64_t most = positions_most(grid), estimate = w->positions < most ? w->positions : most,
+		       positions = estimate > w->least ? estimate : w->least;
+	const size_t reader = reader_bytes_of(grid);
+	uint64_t low = w->least ? w->least : positions, cap = positions < TRI_MAX_POINTS / 2 ? 2 * positions : TRI_MAX_POINTS;
 	char need[32], have[32];
 
-	*ret_need = UINT64_MAX;
-	if (positions > TRI_MAX_POINTS)
-		return err_set(err, ERR_LIMIT, "a region needs %" PRIu64 " positions, and can have %u", positions,
-			       TRI_MAX_POINTS);
-	/* One more than there are threads, as above. */
-	*ret_need = 2 * pipe_domain_bytes((uint32_t)positions, reader);
-	if (*ret_need > memory)
+	if (low > TRI_MAX_POINTS || w->domains * pipe_domain_bytes((uint32_t)low, reader) > w->memory) {
+		*ret_need = UINT64_MAX;
+		if (positions > TRI_MAX_POINTS)
+			return err_set(err, ERR_LIMIT, "a region needs %" PRIu64 " positions, and can have %u", positions,
+				       TRI_MAX_POINTS);
+		*ret_need = w->domains * pipe_domain_bytes((uint32_t)positions, reader);
 		return err_set(err, ERR_LIMIT, "a region of %" PRIu64 " positions needs %s of memory, not %s", positions,
-			       parse_size_text(*ret_need, need), parse_size_text(memory, have));
-	for (uint64_t low = positions; low < cap;) {
+			       parse_size_text(*ret_need, need), parse_size_text(w->memory, have));
+	}
+	while (low < cap) {
 		uint64_t middle = low + (cap - low + 1) / 2;
 
-		if (2 * pipe_domain_bytes((uint32_t)middle, reader) <= memory)
+		if (w->domains * pipe_domain_bytes((uint32_t)middle, reader) <= w->memory)
 			low = middle;
 		else
 			cap = middle - 1;

@@ -38,6 +38,9 @@ int store_packer_new(int fd, const char *name, struct digest of, struct store_pa
  * store_packer_free may follow. */
 int store_packer_add(struct store_packer *, const char *region, const struct store_id *, const struct store_beside *, bool flat,
 		     const struct mesh_domain *, struct store_front *ret, struct err *err);
+/* Drops all domains but the first n. */
+int store_packer_keep(struct store_packer *, size_t n, struct err *err);
+size_t store_packer_domains(const struct store_packer *);
 /* Writes the index. It does not fsync. *ret_bytes: of the file. */
 int store_packer_finish(struct store_packer *, uint64_t *ret_bytes, struct err *err);
 size_t store_packer_held(const struct store_packer *);         /* memory for the index, which grows by domain */

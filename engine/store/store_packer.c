@@ -2,6 +2,7 @@
  * Writing a pack: domains from the start of the file to its end, then the index, which is held in memory until then, and the end.
  * Of each domain the header is written last, as in a file of the store; all else is written in order.
  */
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <xxhash.h>
@@ -121,6 +122,21 @@ int store_packer_add(struct store_packer *k, const char *region, const struct st
 	k->at = e.at + e.bytes;
 	*ret = f;
 	return 0;
+}
+
+size_t store_packer_domains(const struct store_packer *k)
+{
+	return k->n;
+}
+
+int store_packer_keep(struct store_packer *k, size_t n, struct err *err)
+{
+	k->n = n;
+	k->at = n ? k->entry[n - 1].at + k->entry[n - 1].bytes : STORE_PACK_HEAD;
+	if (!io->ftruncate(k->fd, (off_t)k->at))
+		return 0;
+	err_sys(err, errno, "cannot shorten the file");
+	return err_add_file(err, k->name);
 }
 
 static void entry_pack(const struct store_pack_entry *e, uint64_t at, uint8_t bytes[STORE_PACK_ENTRY])

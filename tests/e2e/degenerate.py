@@ -1,7 +1,7 @@
 """Degenerate inputs: convex position, collinear points, thin corridors, one position, two distant clusters, grids. The result is
 exact (as CGAL's, triangle by triangle, where CGAL is fast enough) or a clear refusal, in bounded memory."""
-import math
 import os
+import re
 import signal
 import subprocess
 
@@ -115,23 +115,11 @@ def few_positions():
         expect(got["triangles"] == 8 and got["vertices"] == 9, str(got))
 
 
-def polygon(path, reach):
-    """Corners of a strictly convex polygon: its sides are all primitive vectors with coordinates up to `reach`, by direction."""
-    span = range(-reach, reach + 1)
-    sides = sorted(((p, q) for p in span for q in span if math.gcd(p, q) == 1), key=lambda side: math.atan2(side[1], side[0]))
-    x = y = 0
-    with open(path, "w") as f:
-        for i, (p, q) in enumerate(sides):
-            f.write("%d %d %d\n" % (x, y, i % 17))
-            x, y = x + p, y + q
-    return len(sides)
-
-
 def convex_position():
     """A region that needs more positions than domains usually have room for gets a larger one, as long as the memory suffices."""
     with e2e.Folder() as base:
         path = os.path.join(base, "in.xyz")
-        n = polygon(path, 290)
+        n = e2e.polygon(path, 290)
         expect(n > 4 * 40960, "%d corners: a quarter fits a domain of 24M" % n)
         with e2e.Daemon(base, memory="24M", name="wide") as d:
             got = mesh(d, base, path, oracle=False)
@@ -142,6 +130,39 @@ def convex_position():
             d.stop(signal.SIGKILL)
             d.start()
             expect(d.ctl("fetch", str(kept["job"]), "--format", "null", "--json").ok().json()["digest"] == got["digest"], "after kill -9")
+            d.stop()
+            from_files_alone(base, d, n, got["digest"])
+
+
+def domains(manifest, regions, out, memory):
+    """Triangles and digest of all regions."""
+    count, halves = 0, [0, 0]
+    for region in regions:
+        words = e2e.run([e2e.DOMAIN, "--memory", memory, manifest, "", region, out]).ok().out.split()
+        digest = words[words.index("digest") + 1]
+        count += int(words[words.index("triangles") + 1])
+        halves = [(h + int(part, 16)) % 2**64 for h, part in zip(halves, (digest[:16], digest[16:]))]
+    return count, "%016x%016x" % tuple(halves)
+
+
+def from_files_alone(base, d, n, digest):
+    """acut-domain gives such regions as much room, and says how much memory one needs that does not fit."""
+    def plan(manifest, *options):
+        r = e2e.run([e2e.DOMAIN, *options, "--plan", manifest, ""])
+        return [line.split()[0] for line in r.out.splitlines()] if r.status == 0 else None
+
+    manifest = next(path for top, _, files in os.walk(os.path.join(d.state, "datasets")) for path in (os.path.join(top, f) for f in files) if plan(path))
+    out = os.path.join(base, "out")
+    os.mkdir(out)
+    for memory in "8M", "24M":
+        regions = plan(manifest, "--memory", memory)
+        expect(regions and domains(manifest, regions, out, memory) == (n - 2, digest), "with %s: %s" % (memory, regions))
+    whole = plan(manifest, "--memory", "256M", "--load", "1000000")
+    expect(len(whole) == 1, "regions: %s" % whole)
+    r = e2e.run([e2e.DOMAIN, "--memory", "8M", manifest, "", whole[0], out])
+    need = re.search("a region of %d positions needs .* of memory.*--memory ([0-9]+M) or more" % n, r.err, re.S)
+    expect(r.status == 1 and need, "%d: %s" % (r.status, r.err))
+    expect(domains(manifest, whole, out, need.group(1)) == (n - 2, digest), "with " + need.group(1))
 
 
 e2e.main(

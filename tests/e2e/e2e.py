@@ -2,6 +2,7 @@
 (ACUTD, ACUTCTL, ACUT_SYNTH, ACUT_VERIFY, ACUT_DOMAIN). A test prints a line for each case. Its exit status is 0, 1, or 77
 (skipped, with the reason)."""
 import json
+import math
 import os
 import shutil
 import signal
@@ -37,6 +38,18 @@ def unavailable(reason):
         print("FAIL: would be skipped, and must run here:", reason)
         sys.exit(1)
     skip(reason)
+
+
+def polygon(path, reach):
+    """Corners of a strictly convex polygon: its sides are all primitive vectors with coordinates up to `reach`, by direction."""
+    span = range(-reach, reach + 1)
+    sides = sorted(((p, q) for p in span for q in span if math.gcd(p, q) == 1), key=lambda side: math.atan2(side[1], side[0]))
+    x = y = 0
+    with open(path, "w") as f:
+        for i, (p, q) in enumerate(sides):
+            f.write("%d %d %d\n" % (x, y, i % 17))
+            x, y = x + p, y + q
+    return len(sides)
 
 
 def data_dir():

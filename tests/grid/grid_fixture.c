@@ -132,6 +132,53 @@ struct set set_make(enum shape shape, size_t n, unsigned sources, uint64_t seed)
 	return s;
 }
 
+static int32_t gcd(int32_t a, int32_t b)
+{
+	while (b) {
+		int32_t c = a % b;
+
+		a = b;
+		b = c;
+	}
+	return abs(a);
+}
+
+static int half(const int32_t v[2])
+{
+	return v[1] < 0 || (v[1] == 0 && v[0] < 0);
+}
+
+static int by_direction(const void *a, const void *b)
+{
+	const int32_t *p = a, *q = b;
+
+	return half(p) != half(q) ? half(p) - half(q) : q[0] * p[1] - q[1] * p[0];
+}
+
+struct set set_polygon(int32_t reach)
+{
+	int32_t(*side)[2] = malloc((size_t)(2 * reach + 1) * (size_t)(2 * reach + 1) * sizeof *side), at[2] = {0, 0};
+	struct set s = {0};
+
+	for (int32_t x = -reach; x <= reach; x++)
+		for (int32_t y = -reach; y <= reach; y++)
+			if (gcd(x, y) == 1) {
+				side[s.n][0] = x;
+				side[s.n++][1] = y;
+			}
+	qsort(side, s.n, sizeof *side, by_direction);
+	s.pts = calloc(s.n, sizeof *s.pts);
+	s.ids = calloc(s.n, sizeof *s.ids);
+	for (size_t i = 0; i < s.n; i++) {
+		s.pts[i] = (struct point){.x = at[0], .y = at[1], .z = (int32_t)(i % 17), .cls = i % 5 ? 1 : 2, .ret = 0x11};
+		s.ids[i] = 1;
+		at[0] += side[i][0];
+		at[1] += side[i][1];
+	}
+	free(side);
+	return s;
+}
+
 void set_free(struct set *s)
 {
 	free(s->pts);

@@ -37,6 +37,8 @@ struct set {
 enum shape { SHAPE_UNIFORM, SHAPE_CLUSTERED, SHAPE_DUPLICATES, SHAPE_EXTREME, SHAPE_ONE_POSITION, SHAPES };
 
 struct set set_make(enum shape, size_t n, unsigned sources, uint64_t seed);
+/* Corners of a strictly convex polygon: its sides are all primitive vectors with coordinates up to `reach`, by direction. */
+struct set set_polygon(int32_t reach);
 void set_free(struct set *);
 /* In the order of the cache, with source last. */
 void set_sort(struct set *);

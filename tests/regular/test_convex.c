@@ -17,59 +17,11 @@
 #include "pipe.h"
 #include "pipe_priv.h"
 
-enum { REACH = 80, CORNERS = 20000, LOAD = 4096, CAP = 1 << 14, WHOLE = 1 << 15 };
+enum { REACH = 80, LOAD = 4096, CAP = 1 << 14, WHOLE = 1 << 15 };
 
 static struct folder folder;
 static struct reader reader;
 static struct set set;
-
-/* ---- a lattice polygon: its sides are all primitive vectors with coordinates up to REACH, by direction ---- */
-
-static int32_t gcd(int32_t a, int32_t b)
-{
-	while (b) {
-		int32_t c = a % b;
-
-		a = b;
-		b = c;
-	}
-	return abs(a);
-}
-
-static int half(const int32_t v[2])
-{
-	return v[1] < 0 || (v[1] == 0 && v[0] < 0);
-}
-
-static int by_direction(const void *a, const void *b)
-{
-	const int32_t *p = a, *q = b;
-
-	return half(p) != half(q) ? half(p) - half(q) : q[0] * p[1] - q[1] * p[0];
-}
-
-static void polygon(struct set *ret)
-{
-	static int32_t side[CORNERS][2];
-	int32_t at[2] = {0, 0};
-	size_t n = 0;
-
-	for (int32_t x = -REACH; x <= REACH; x++)
-		for (int32_t y = -REACH; y <= REACH; y++)
-			if (gcd(x, y) == 1) {
-				assert_true(n < CORNERS);
-				side[n][0] = x;
-				side[n++][1] = y;
-			}
-	qsort(side, n, sizeof *side, by_direction);
-	*ret = (struct set){.pts = calloc(n, sizeof *ret->pts), .ids = calloc(n, sizeof *ret->ids), .n = n};
-	for (size_t i = 0; i < n; i++) {
-		ret->pts[i] = (struct point){.x = at[0], .y = at[1], .z = (int32_t)(i % 17), .cls = i % 5 ? 1 : 2, .ret = 0x11};
-		ret->ids[i] = 1;
-		at[0] += side[i][0];
-		at[1] += side[i][1];
-	}
-}
 
 /* ---- domains ---- */
 
@@ -219,7 +171,7 @@ static int set_up(void **state)
 	(void)state;
 	no_sync();
 	folder = folder_new();
-	polygon(&set);
+	set = set_polygon(REACH);
 	stage_sources(&folder, &set, 1, &segment);
 	m = manifest_of(&segment, 1, 1);
 	manifest_count(&m, &set);

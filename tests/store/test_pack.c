@@ -212,6 +212,65 @@ static void test_random(void **state)
 	}
 }
 
+static void add(struct store_packer *k, struct packed *p, size_t i)
+{
+	const struct store_pack_entry *e = &p->want[i];
+	struct err err = ERR_INIT;
+	struct store_front f;
+
+	check(store_packer_add(k, e->region, &e->id, &p->made[i].beside, e->flat, &p->made[i].d, &f, &err), &err);
+}
+
+static int fail_ftruncate(int fd, off_t size)
+{
+	(void)fd;
+	(void)size;
+	errno = ENOSPC;
+	return -1;
+}
+
+/* What was added and dropped leaves no byte. */
+static void test_dropped(void **state)
+{
+	static struct packed p;
+
+	(void)state;
+	srand(11);
+	make(&p, 20);
+	for (size_t kept = 0; kept <= p.n; kept++) {
+		uint8_t *bytes = malloc(p.bytes);
+		struct packed q = {.fd = temp_file()};
+		struct store_packer *k = NULL;
+		struct err err = ERR_INIT;
+		struct io_table full = io_system;
+
+		check(store_packer_new(q.fd, "pack", OF, &k, &err), &err);
+		for (size_t i = 0; i < kept; i++)
+			add(k, &p, i);
+		for (size_t i = 0; i < 3; i++)
+			add(k, &p, (kept + 7 * i) % p.n);
+		assert_int_equal(store_packer_domains(k), kept + 3);
+		full.ftruncate = fail_ftruncate;
+		io = &full;
+		assert_int_equal(store_packer_keep(k, kept, &err), -ERR_NOSPACE);
+		assert_string_equal(err.file, "pack");
+		io = &io_system;
+		err = ERR_INIT;
+		check(store_packer_keep(k, kept, &err), &err);
+		for (size_t i = kept; i < p.n; i++)
+			add(k, &p, i);
+		check(store_packer_finish(k, &q.bytes, &err), &err);
+		assert_int_equal(q.bytes, p.bytes);
+		assert_int_equal(pread(p.fd, bytes, p.bytes, 0), p.bytes);
+		in_pack(q.fd, 0, bytes, p.bytes);
+		assert_int_equal(lseek(q.fd, 0, SEEK_END), p.bytes);
+		store_packer_free(k);
+		free(bytes);
+		close(q.fd);
+	}
+	done(&p);
+}
+
 /* Reads all of it. Returns what a reader says. */
 static int read_all(int fd, struct err *err)
 {
@@ -459,10 +518,8 @@ static int teardown(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_random),
-		cmocka_unit_test(test_damage),
-		cmocka_unit_test(test_forged),
-		cmocka_unit_test(test_calls),
+		cmocka_unit_test(test_random), cmocka_unit_test(test_dropped), cmocka_unit_test(test_damage),
+		cmocka_unit_test(test_forged), cmocka_unit_test(test_calls),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

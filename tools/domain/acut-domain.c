@@ -33,7 +33,7 @@
 #include "store.h"
 #include "tool_options.h"
 
-enum { INDEX_MEMORY = 4 << 20 };
+enum { MEGA = 1 << 20, INDEX_MEMORY = 4 * MEGA };
 
 static const struct tool_option OPTIONS[] = {
 	{"memory", "SIZE", "bytes for one domain and the index (default 256M)", 'm'},
@@ -217,6 +217,23 @@ static int set_load(struct session *s, const struct options *o, struct err *err)
 	return 0;
 }
 
+/* Room for a region of so many positions, if the memory has it. Else the error says what would. */
+static int widen(struct session *s, const struct options *o, uint64_t positions, struct err *err)
+{
+	const uint64_t left = ledger_left(s->ledger);
+	const struct pipe_wide wide = {left, 1, positions, (uint64_t)s->budget.cap + 1};
+	uint64_t need;
+
+	err_clear(err);
+	if (pipe_budget_wide(&wide, s->grid, &s->budget, &need, err))
+		return need == UINT64_MAX ? err_add_hint(err, "leave out points") :
+					    err_add_hint(err, "give --memory %lluM or more",
+							 (unsigned long long)((need + o->memory - left + MEGA - 1) / MEGA));
+	if (o->load)
+		s->budget.load = (uint32_t)o->load;
+	return 0;
+}
+
 static int session_open(struct session *s, const struct options *o, struct err *err)
 {
 	char folder[4096], file[4096];
@@ -282,17 +299,30 @@ static void print_leaves(const struct cut_plan *plan)
 		       (unsigned long long)plan->leaf[i].count);
 }
 
-static int print_plan(struct session *s, struct err *err)
+static int make_plan(struct session *s, struct cut_plan *ret, struct err *err)
 {
-	struct cut_plan plan = {0};
 	struct mesh_counts empty;
 	void *memory = domain_memory(s);
 	int r;
 
 	if (!memory)
 		return err_set(err, ERR_NOMEM, "no memory for planning (%zu bytes)", s->budget.domain_bytes);
-	r = pipe_plan(s->grid, &s->view, &s->budget, memory, &plan, &empty, err);
+	r = pipe_plan(s->grid, &s->view, &s->budget, memory, ret, &empty, err);
 	free(memory);
+	return r;
+}
+
+static int print_plan(struct session *s, const struct options *o, struct err *err)
+{
+	struct cut_plan plan = {0};
+	int r = make_plan(s, &plan, err);
+
+	while (pipe_budget_narrow(&s->budget, s->grid, r, err)) {
+		r = widen(s, o, err->need, err);
+		if (r)
+			return r;
+		r = make_plan(s, &plan, err);
+	}
 	if (r == PIPE_E_EMPTY) {
 		fputs("acut-domain: the view takes no point: there is nothing to triangulate\n", stderr);
 		return 0;
@@ -349,6 +379,46 @@ static int print_job_plan(const char *path, struct err *err)
 	return r;
 }
 
+/* Raises *need to the positions that the region has itself: what did not fit may have been counted only so far. */
+static int raise_need(const struct session *s, const struct cut_region *region, void *memory, uint64_t *need, struct err *err)
+{
+	struct grid_reader *reader = NULL;
+	struct cut_plan plan = {0};
+	int r = grid_reader_new(s->grid, memory, grid_reader_bytes(s->grid), &reader, err);
+
+	if (!r)
+		r = cut_plan_below(reader, region, true, UINT32_MAX, &plan, err);
+	for (size_t i = 0; i < plan.n; i++)
+		*need = plan.leaf[i].count > *need ? plan.leaf[i].count : *need;
+	cut_plan_done(&plan);
+	grid_reader_free(reader);
+	return r;
+}
+
+/* *ret is in *ret_memory, to be freed. */
+static int fit_domain(struct session *s, const struct options *o, const struct cut_region *region, void **ret_memory,
+		      struct mesh_domain *ret, struct err *err)
+{
+	uint64_t need = 0;
+	int r, failed;
+
+	do {
+		r = need ? widen(s, o, need, err) : 0;
+		if (r)
+			return r;
+		*ret_memory = domain_memory(s);
+		if (!*ret_memory)
+			return err_set(err, ERR_NOMEM, "no memory for a domain (%zu bytes)", s->budget.domain_bytes);
+		r = pipe_domain(s->grid, &s->view, region, NULL, &s->budget, *ret_memory, ret, &need, err);
+		failed = r == PIPE_E_SPLIT ? raise_need(s, region, *ret_memory, &need, err) : 0;
+		if (r)
+			free(*ret_memory);
+		if (failed)
+			return failed;
+	} while (r == PIPE_E_SPLIT);
+	return r;
+}
+
 static int make_domain(struct session *s, const struct options *o, struct err *err)
 {
 	char digest[DIGEST_HEX_SIZE], base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
@@ -356,23 +426,15 @@ static int make_domain(struct session *s, const struct options *o, struct err *e
 	struct pipe_stored stored;
 	struct cut_region region;
 	struct pipe_key key;
-	uint64_t need = 0;
 	void *memory;
 	int dirfd = -1, r;
 
 	if (!cut_region_parse(o->region, &region))
 		return err_set(err, ERR_USAGE, "'%s' is not a region", o->region);
-	memory = domain_memory(s);
-	if (!memory)
-		return err_set(err, ERR_NOMEM, "no memory for a domain (%zu bytes)", s->budget.domain_bytes);
-	r = pipe_domain(s->grid, &s->view, &region, NULL, &s->budget, memory, &domain, &need, err);
-	if (r == PIPE_E_SPLIT) {
-		err_set(err, ERR_LIMIT, "the region and its halo have at least %llu positions, the memory carries %u",
-			(unsigned long long)need, s->budget.cap);
-		r = err_add_hint(err, "split the region, or give more --memory");
-	}
-	if (!r)
-		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	r = fit_domain(s, o, &region, &memory, &domain, err);
+	if (r)
+		return r;
+	r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (!r) {
 		pipe_key_init(&key, s->grid, &s->view);
 		r = pipe_store(dirfd, &key, &region, &domain, memory, &stored, NULL, err);
@@ -400,7 +462,7 @@ int main(int argc, char **argv)
 		return status;
 	r = o.job_plan ? print_job_plan(o.job_plan, &err) : session_open(&s, &o, &err);
 	if (!r && !o.job_plan)
-		r = o.plan ? print_plan(&s, &err) : o.select ? select_folder(&s, &o, &err) : make_domain(&s, &o, &err);
+		r = o.plan ? print_plan(&s, &o, &err) : o.select ? select_folder(&s, &o, &err) : make_domain(&s, &o, &err);
 	session_close(&s);
 	if (!r && fflush(stdout) != 0)
 		r = err_sys(&err, errno, "cannot write to standard output");

@@ -2,6 +2,7 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -198,6 +199,23 @@ def mesh(base):
           os.path.getsize(base + "/m0.ply") == os.path.getsize(base + "/m1.ply"), str(os.listdir(base)))
 
 
+def convex(base):
+    """Corners of a convex polygon, of which all stay open: one task of gather says how much memory it would need."""
+    os.mkdir(base + "/in")
+    n = e2e.polygon(base + "/in/polygon.xyz", 170)
+    wanted = Daemon(base).mesh(base + "/in", "--format", "null")
+    check("convex", int(wanted["triangles"]) == n - 2 and int(wanted["hull"]) == n, str(wanted))
+    def mesh(points, memory, status=0):
+        return run(CLUSTER, "mesh", base + "/in", "-o", base + "/m.ply", "--work", "%s/w%s-%s" % (base, points, memory), "--on", "local", "--json",
+                   "--no-config", "--task-points", points, "--task-memory", memory, status=status)
+    same("convex, several tasks", json.loads(mesh("15000", "64M").stdout)["result"], wanted)
+    p = mesh("1000000", "64M", status=1)
+    need = re.search("vertices are open at once.*--task-memory ([0-9]+M)", p.stdout + p.stderr, re.S)
+    check("convex, one task", need, p.stdout + p.stderr)
+    if need:
+        same("convex, with " + need.group(1), json.loads(mesh("1000000", need.group(1)).stdout)["result"], wanted)
+
+
 def real(base):
     """Neighbouring LAZ tiles of a real survey."""
     data = e2e.data_dir()
@@ -349,4 +367,4 @@ def main(*parts):
 
 
 if __name__ == "__main__":
-    main(stage, refused, interrupted, script, mesh, real, options, killed_once, lost_results, elsewhere, reported, output_tiles, many_segments)
+    main(stage, refused, interrupted, script, mesh, convex, real, options, killed_once, lost_results, elsewhere, reported, output_tiles, many_segments)

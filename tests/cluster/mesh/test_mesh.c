@@ -214,6 +214,58 @@ static void test_memory(void **state)
 	run_remove(&run);
 }
 
+/* A region of points in convex position that needs nearly all of them, however small it is, gets an arena for as many. The
+ * domains do not depend on the division, and a task whose memory is too small says what suffices. */
+static void test_convex(void **state)
+{
+	static const uint32_t tasks[] = {1, 1, 3};
+	struct whole want, got, first = {0};
+
+	(void)state;
+	for (unsigned i = 0; i < 3; i++) {
+		struct set set = set_polygon(203);
+		struct mesh_sums sums;
+		struct err err = ERR_INIT;
+		struct run run;
+
+		set_up(&run, set, 2, tasks[i]);
+		run.p.load = run.p.cap = 14000;
+		run.p.top = 30000;
+		run.p.memory = (uint64_t)64 << 20;
+		CHECK(mesh_phase_plan(run.work, &run.p, &err));
+		if (!i) {
+			run.p.memory = 1600 << 10;
+			assert_int_equal(mesh_phase_mesh(run.work, 0, &run.p, &err), -ERR_LIMIT);
+			print_message("%s (%s)\n", err.message, err.hint);
+			assert_non_null(strstr(err.message, "positions needs"));
+			assert_true(err.need > run.p.memory && err.need < 2 * run.p.memory);
+			run.p.memory = err.need;
+			err = ERR_INIT;
+		}
+		for (uint32_t k = 0; k < tasks[i]; k++)
+			CHECK(mesh_phase_mesh(run.work, k, &run.p, &err));
+		if (!i)
+			whole_make(&run, PIPE_KEPT_LOAD, (uint32_t)set.n + 1, &want);
+		whole_gather(&run, &got, &sums);
+		print_message("%zu corners, %zu domains\n", set.n, got.n);
+		assert_true(got.totals.triangles == set.n - 2 && got.totals.hull == set.n);
+		assert_true(digest_equal(got.totals.digest, want.totals.digest));
+		assert_true(digest_equal(got.totals.vertex_digest, want.totals.vertex_digest));
+		assert_true(digest_equal(sums.digest, want.totals.digest) && sums.domains == got.n &&
+			    sums.triangles == set.n - 2);
+		if (i == 1) {
+			first = got;
+		} else {
+			if (i == 2)
+				whole_same(&got, &first);
+			whole_free(&got);
+		}
+		run_remove(&run);
+	}
+	whole_free(&first);
+	whole_free(&want);
+}
+
 /* ---- what is refused ---- */
 
 static void test_views(void **state)
@@ -266,7 +318,7 @@ int main(void)
 		cmocka_unit_test(test_peak), /* first, while this process is small */
 		cmocka_unit_test(test_small),          cmocka_unit_test(test_budget), cmocka_unit_test(test_split),
 		cmocka_unit_test(test_division),       cmocka_unit_test(test_memory), cmocka_unit_test(test_views),
-		cmocka_unit_test(test_without_ground),
+		cmocka_unit_test(test_without_ground), cmocka_unit_test(test_convex),
 	};
 
 	no_sync();
