@@ -236,6 +236,33 @@ static void test_lines(void **state)
 	no_leftovers();
 }
 
+static void shell(const char *format)
+{
+	char command[256];
+
+	snprintf(command, sizeof command, format, h.folder, h.folder);
+	assert_int_equal(system(command), 0);
+}
+
+/* A crash comes between a commit and the shortening of the list of files. */
+static void test_crash(void **state)
+{
+	interrupt("012");
+	shell("cp %s/datasets/1/push-1.pending %s/old");
+	push_all("03");
+	close_service();
+	shell("cp %s/old %s/datasets/1/push-1.pending");
+	open_service(UINT64_C(32) << 20, 2);
+	expect(1, 2, 2);
+	/* The start has shortened it. */
+	shell("! cmp -s %s/old %s/datasets/1/push-1.pending");
+	push_all("0123");
+	expect_known("03", PUSH_KNOWN);
+	expect_known("12", PUSH_ADOPTED);
+	expect(0, 0, 4);
+	no_leftovers();
+}
+
 /* An abort gives back what it has named, and nothing of its own. */
 static void test_aborted(void **state)
 {
@@ -444,6 +471,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_unrelated, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_partly_named, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_lines, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_crash, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_aborted, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_two_at_once, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_each_its_own, open_files, close_files),
