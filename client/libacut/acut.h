@@ -271,7 +271,7 @@ struct acut_push_each {
  * answer each. */
 int acut_push_probe_each(struct acut_push *, size_t n, const struct acut_push_each *);
 int acut_push_file_each(struct acut_push *, size_t n, const struct acut_push_each *);
-/* The fate of an interrupted push of this user into this dataset, in words; "" if there was none. */
+/* What is there of interrupted pushes of this user into this dataset, and what was dropped, in words; "": nothing. */
 const char *acut_push_note(const struct acut_push *);
 /* Nothing was pushed into its dataset before: what is not known of the coordinates is worth telling. */
 bool acut_push_first(const struct acut_push *);

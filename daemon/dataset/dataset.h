@@ -21,10 +21,12 @@ enum { DATASET_NAME_MAX = 64 };
 struct datasets;
 struct push;
 
-/* A pending push: it was interrupted, and waits until its user pushes again. It holds its dataset. */
+/* A pending push: it was interrupted, and waits until its user pushes one of its files again. It holds its dataset. */
 struct pending {
 	struct pending *next;
 	uint64_t id, points;
+	uint64_t bytes; /* of the disk, at most */
+	uint64_t stamp; /* another one whenever it comes into the list of its dataset */
 	uint32_t uid, files;
 	int64_t interrupted_us; /* real time */
 };
@@ -63,7 +65,7 @@ struct dataset {
 	const void *committer; /* who writes the next manifest: a push, an import or a change; NULL: nobody */
 	unsigned readers;      /* between dataset_read_begin and dataset_read_end */
 	uint32_t next_source;
-	struct pending *pending; /* the newest first */
+	struct pending *pending; /* the one that was interrupted last first */
 	bool tidied;             /* by dataset_tidy */
 	bool has_row;            /* the catalogue has its row */
 	atomic_bool left;        /* files that nothing names could not be removed */
@@ -166,10 +168,10 @@ struct dataset_info {
 	int64_t removed_us, until_us; /* removed then, and restorable until then; 0: not removed */
 	bool pinned;
 	unsigned pushes;  /* open */
-	unsigned pending; /* number of pending pushes; the next four fields are those of the newest one */
-	uint32_t pending_files, pending_uid;
-	uint64_t pending_points;
-	int64_t pending_until_us;
+	unsigned pending; /* number of pending pushes, with so many files and points */
+	uint64_t pending_files, pending_points;
+	uint32_t pending_uid;     /* whose the newest one is */
+	int64_t pending_until_us; /* the first of them is dropped then */
 };
 void dataset_info(const struct dataset *, struct dataset_info *ret);
 
@@ -317,16 +319,25 @@ void dataset_sources_from(struct dataset *, uint32_t number); /* numbers below t
 #define ABOUT_PENDING(q, d) (&(const struct log_about){.push = (q)->id, .dataset = (d)->name, ABOUT_USER((q)->uid)})
 struct pending *pending_new(struct datasets *, uint32_t uid, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct datasets *, struct pending *);             /* NULL is fine; returns NULL */
-void pending_add(struct dataset *, struct pending *);                          /* holds the dataset */
-/* Takes the newest pending push of that user out of the list; the reference to the dataset goes with it. NULL: there is none. */
-struct pending *pending_take(struct dataset *, uint32_t uid);
-void pending_put_back(struct dataset *, struct pending *); /* what pending_take gave */
-void pending_expire(struct dataset *);                     /* drops those that are older than 7 days */
-int64_t pending_until_us(const struct pending *);          /* it can be taken up until then */
-uint64_t pending_points(const struct grid_manifest *);     /* points of all sources; NULL: 0. Any thread */
+/* Into the list; holds the dataset. */
+void pending_add(struct dataset *, struct pending *);
+/* Takes it out of the list, if it has been there since it had that stamp; the caller has the reference to the dataset then. NULL:
+ * it is another one by now, or somebody has taken it. */
+struct pending *pending_take(struct dataset *, uint64_t id, uint64_t stamp);
+/* Takes one that was taken, and the reference: removes its files in the background. */
+void pending_drop(struct dataset *, struct pending *, const char *why);
+/* A user may have so many in a dataset. */
+enum { PENDING_MOST = 32 };
+void pending_expire(struct dataset *);                           /* drops those that are older than 7 days, or too many */
+int64_t pending_until_us(const struct pending *);                /* it can be continued until then */
+uint64_t pending_source_points(const struct grid_source *);      /* as they count for the disk. Any thread */
+uint64_t pending_points(const struct grid_manifest *);           /* of all sources; NULL: 0. Any thread */
+uint64_t pending_bytes(int dirfd, uint64_t id, uint64_t points); /* of its files, at most. Any thread */
 /* File names in the dataset's folder. Any thread. */
 void pending_manifest_name(uint64_t id, char name[64]);
 void pending_stage_name(uint64_t id, char name[48]);
+/* Removes sources that are in the dataset's manifest, too (NULL: none), from that of a pending push. Any thread. */
+void pending_leave_out(struct grid_manifest *, const struct grid_manifest *base);
 /* Removes the files of a pending push: first the manifest by which a start finds them. Worker, with the folder open. */
 int pending_discard(struct dataset *, uint64_t id, struct err *err);
 

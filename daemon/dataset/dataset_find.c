@@ -86,15 +86,14 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 		.pinned = d->pinned,
 	};
 	memcpy(ret->box, d->box, sizeof ret->box);
-	for (q = d->pending; q; q = q->next)
+	for (q = d->pending; q; q = q->next) {
 		ret->pending++;
-	q = d->pending;
-	if (q) {
-		ret->pending_files = q->files;
-		ret->pending_uid = q->uid;
-		ret->pending_points = q->points;
+		ret->pending_files += q->files;
+		ret->pending_points += q->points;
 		ret->pending_until_us = pending_until_us(q);
 	}
+	if (d->pending)
+		ret->pending_uid = d->pending->uid;
 }
 
 struct dataset *dataset_removed_after(struct datasets *ds, uint64_t id, const struct peer *peer)

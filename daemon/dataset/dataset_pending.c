@@ -3,7 +3,9 @@
  *
  * The model: a push leaves its stage in the dataset's folder, and beside it a manifest without segments, push-ID.pending
  * (push_pending.c). When its connection or its daemon ends, the push is pending: an entry of its dataset in memory, which holds
- * the dataset, and a row in the catalogue. It stays for 7 days, or until a push of the same user takes it up.
+ * the dataset, and a row in the catalogue. Each of its files stays until a push of the same user commits it, or for 7 days.
+ *
+ * A file that is in the dataset's manifest, too, was committed: the crash came before the list in push-ID.pending was shortened.
  */
 #include <errno.h>
 #include <stdio.h>
@@ -51,29 +53,35 @@ struct pending *pending_free(struct datasets *ds, struct pending *q)
 	return NULL;
 }
 
-void pending_add(struct dataset *d, struct pending *q)
+/* The list is sorted by time, so that what is dropped first comes last. */
+static void insert(struct dataset *d, struct pending *q)
 {
-	pending_put_back(dataset_hold(d), q);
+	struct pending **at = &d->pending;
+
+	while (*at && (*at)->interrupted_us > q->interrupted_us)
+		at = &(*at)->next;
+	q->stamp = ++d->datasets->pending_stamp;
+	q->next = *at;
+	*at = q;
 }
 
-struct pending *pending_take(struct dataset *d, uint32_t uid)
+void pending_add(struct dataset *d, struct pending *q)
+{
+	THREAD_LOOP_ONLY();
+	insert(dataset_hold(d), q);
+}
+
+struct pending *pending_take(struct dataset *d, uint64_t id, uint64_t stamp)
 {
 	struct pending **at, *q;
 
 	THREAD_LOOP_ONLY();
-	for (at = &d->pending; *at && (*at)->uid != uid; at = &(*at)->next)
+	for (at = &d->pending; *at && ((*at)->id != id || (*at)->stamp != stamp); at = &(*at)->next)
 		;
 	q = *at;
 	if (q)
 		*at = q->next;
 	return q;
-}
-
-void pending_put_back(struct dataset *d, struct pending *q)
-{
-	THREAD_LOOP_ONLY();
-	q->next = d->pending;
-	d->pending = q;
 }
 
 /* Worker. */
@@ -93,13 +101,30 @@ int pending_discard(struct dataset *d, uint64_t id, struct err *err)
 	return r ? r : io_sync(d->dirfd, "the folder of a dataset", err);
 }
 
+uint64_t pending_source_points(const struct grid_source *s)
+{
+	return s->points + (s->lines ? s->lines->vertices : 0);
+}
+
 uint64_t pending_points(const struct grid_manifest *m)
 {
 	uint64_t points = 0;
 
 	for (size_t i = 0; m && i < m->nsources; i++)
-		points += m->sources[i].points + (m->sources[i].lines ? m->sources[i].lines->vertices : 0);
+		points += pending_source_points(&m->sources[i]);
 	return points;
+}
+
+uint64_t pending_bytes(int dirfd, uint64_t id, uint64_t points)
+{
+	uint64_t bytes = datasets_points_bytes(points), of_runs;
+	struct err ignored = ERR_INIT; /* whoever continues it reports what cannot be read */
+	char stage[48];
+	uint32_t last;
+
+	/* Runs may also have points of files that are committed, or were not read whole. */
+	pending_stage_name(id, stage);
+	return !grid_stage_check(dirfd, stage, &last, &of_runs, &ignored) && of_runs > bytes ? of_runs : bytes;
 }
 
 struct discard {
@@ -137,8 +162,8 @@ static void discard_done(struct sched_task *t)
 	free(x);
 }
 
-/* Drops `q`, which is out of the list: in the background, or at the next start if there is no memory for a task. */
-static void discard(struct dataset *d, struct pending *q, const char *why)
+/* If there is no memory for a task, the next start removes the files. */
+void pending_drop(struct dataset *d, struct pending *q, const char *why)
 {
 	struct discard *x = calloc(1, sizeof *x);
 
@@ -156,18 +181,32 @@ static void discard(struct dataset *d, struct pending *q, const char *why)
 	core_background(d->datasets->core, &x->task);
 }
 
+static unsigned newer_ones(const struct dataset *d, const struct pending *of)
+{
+	unsigned n = 0;
+
+	for (const struct pending *q = d->pending; q != of; q = q->next)
+		n += q->uid == of->uid;
+	return n;
+}
+
 void pending_expire(struct dataset *d)
 {
 	int64_t now = datasets_trusted_us(d->datasets);
 	struct pending **at = &d->pending, *q;
 
 	while ((q = *at)) {
-		if (now - q->interrupted_us <= PENDING_US) {
+		bool old = now - q->interrupted_us > PENDING_US;
+		char why[80] = "it is older than 7 days";
+
+		if (!old && newer_ones(d, q) < PENDING_MOST) {
 			at = &q->next;
 			continue;
 		}
+		if (!old)
+			snprintf(why, sizeof why, "its user has %d newer ones in the dataset, as many as are kept", PENDING_MOST);
 		*at = q->next;
-		discard(d, q, "it is older than 7 days");
+		pending_drop(d, q, why);
 	}
 }
 
@@ -188,29 +227,80 @@ int64_t pending_until_us(const struct pending *q)
 	return q->interrupted_us + PENDING_US;
 }
 
-static bool was_committed(const struct dataset *d, const struct grid_manifest *base, const struct grid_manifest *m, uint64_t id)
+/* The push with that number made the newest manifest. */
+static bool has_committed(const struct dataset *d, uint64_t id)
 {
 	char end[32];
 	size_t n = strlen(d->manifest), k;
 
 	snprintf(end, sizeof end, "-%llu", (unsigned long long)id);
 	k = strlen(end);
-	if (n > k && !strcmp(d->manifest + n - k, end))
-		return true;
-	for (size_t i = 0; base && m && m->nsources && i < base->nbatches; i++)
-		if (m->sources[0].id - base->batches[i].first < base->batches[i].n)
+	return n > k && !strcmp(d->manifest + n - k, end);
+}
+
+static bool is_committed(const struct grid_manifest *base, const struct grid_source *s)
+{
+	for (size_t i = 0; base && i < base->nbatches; i++)
+		if (s->id - base->batches[i].first < base->batches[i].n)
 			return true;
 	return false;
+}
+
+void pending_leave_out(struct grid_manifest *m, const struct grid_manifest *base)
+{
+	size_t n = 0;
+
+	for (size_t i = 0; i < m->nsources; i++)
+		if (!is_committed(base, &m->sources[i]))
+			m->sources[n++] = m->sources[i];
+	m->nsources = n;
+}
+
+/* The list of files on the disk becomes that in memory. */
+static void leave_pending(struct dataset *d, const char *name, struct grid_manifest *m, const struct grid_manifest *base)
+{
+	size_t n = m->nsources;
+	struct err err = ERR_INIT;
+
+	pending_leave_out(m, base);
+	/* If it fails, the next start tries again. */
+	if (m->nsources && m->nsources < n && grid_manifest_write(d->dirfd, name, m, &err))
+		log_event_err(LOG_EVENT_LEFTOVER, ABOUT_DATASET(d),
+			      "the files of an interrupted push that were committed stay with it", &err);
+}
+
+/* Reads what there is of it. NULL: nothing, or it is damaged. */
+static int load_manifest(struct dataset *d, uint64_t id, struct grid_manifest **ret, struct err *err)
+{
+	struct ledger *ledger = d->datasets->core->p.ledger;
+	struct grid_manifest *m = NULL, *base = NULL;
+	struct err absent = ERR_INIT;
+	char name[64];
+	int r = 0;
+
+	pending_manifest_name(id, name);
+	if (*d->manifest)
+		r = grid_manifest_load_bare(d->dirfd, d->manifest, ledger, &base, err);
+	if (!r) {
+		r = grid_manifest_load(d->dirfd, name, ledger, &m, &absent);
+		/* A push that cannot be read now is kept. */
+		if (r && (absent.sys == ENOENT || r == -ERR_CORRUPT))
+			r = 0;
+		else if (r)
+			*err = absent;
+	}
+	if (!r && m)
+		leave_pending(d, name, m, base);
+	grid_manifest_free(base);
+	*ret = m;
+	return r;
 }
 
 /* A row of the catalogue, before the loop runs. *ret_stays: the push is pending; otherwise its row goes. */
 int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_stays, struct err *err)
 {
-	struct grid_manifest *m = NULL, *base = NULL;
+	struct grid_manifest *m = NULL;
 	struct pending *q = pending_new(d->datasets, row->uid, err);
-	struct err absent = ERR_INIT;
-	bool committed;
-	char name[64];
 	int r = q ? dataset_open(d, err) : -(int)err->code;
 
 	*ret_stays = false;
@@ -218,42 +308,27 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 		pending_free(d->datasets, q);
 		return r;
 	}
-	if (*d->manifest)
-		r = grid_manifest_load_bare(d->dirfd, d->manifest, d->datasets->core->p.ledger, &base, err);
-	pending_manifest_name(row->id, name);
-	if (!r) {
-		r = grid_manifest_load(d->dirfd, name, d->datasets->core->p.ledger, &m, &absent);
-		/* A push that cannot be read now is kept. */
-		if (r && (absent.sys == ENOENT || r == -ERR_CORRUPT))
-			r = 0;
-		else if (r)
-			*err = absent;
-	}
-	dataset_close(d);
-	committed = !r && was_committed(d, base, m, row->id);
-	if (!r && m && !committed) {
+	r = load_manifest(d, row->id, &m, err);
+	if (!r && m && m->nsources) {
 		*q = (struct pending){.id = row->id, .uid = row->uid, .interrupted_us = row->begun_us};
 		q->files = (uint32_t)m->nsources;
 		q->points = pending_points(m);
+		q->bytes = pending_bytes(d->dirfd, q->id, q->points);
 		for (size_t i = 0; i < m->nsources; i++)
 			dataset_sources_from(d, m->sources[i].id + 1);
-	}
-	/* Its age is judged later, by the trusted clock (pending_expire). */
-	if (!r && m && !committed) {
+		/* Its age is judged later, by the trusted clock (pending_expire). */
 		*ret_stays = true;
-		q->next = d->pending;
-		d->pending = q;
-		dataset_hold(d);
+		insert(dataset_hold(d), q);
 		log_event(LOG_EVENT_PUSH_PENDING, ABOUT_PENDING(q, d), "push %llu of user %u into %s is pending: %u files",
 			  (unsigned long long)q->id, q->uid, d->name, q->files);
 		q = NULL;
-	} else if (!r && !committed) {
+	} else if (!r && !m && !has_committed(d, row->id)) {
 		log_event(LOG_EVENT_PUSH_DROPPED, &(struct log_about){.push = row->id, .dataset = d->name, ABOUT_USER(row->uid)},
 			  "push %llu of user %u into %s was interrupted: nothing of it was durable yet",
 			  (unsigned long long)row->id, row->uid, d->name);
 	}
+	dataset_close(d);
 	pending_free(d->datasets, q);
 	grid_manifest_free(m);
-	grid_manifest_free(base);
 	return r;
 }

@@ -19,6 +19,7 @@ struct datasets {
 	size_t nloaded;
 	struct dataset *last_loaded;
 	uint64_t last_dataset, last_onestep; /* ids */
+	uint64_t pending_stamp;              /* the last that was given */
 	uint64_t expiry_checked_ns;
 	struct {
 		int64_t us;                /* the trusted time when it was last asked for */

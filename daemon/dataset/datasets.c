@@ -23,7 +23,7 @@ void datasets_count(struct datasets *ds)
 	for (d = ds->first; d; d = d->next) {
 		bytes[d->onestep ? SPACE_ONESTEP : d->removed_us ? SPACE_REMOVED : SPACE_DATASETS] += d->bytes;
 		for (q = d->pending; q; q = q->next)
-			bytes[SPACE_PENDING] += datasets_points_bytes(q->points);
+			bytes[SPACE_PENDING] += q->bytes;
 	}
 	space_set_counted(ds->core->space, SPACE_DATASETS, bytes[SPACE_DATASETS]);
 	space_set_counted(ds->core->space, SPACE_REMOVED, bytes[SPACE_REMOVED]);
@@ -38,7 +38,7 @@ static void used_bytes(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t b
 	for (const struct dataset *d = ((struct datasets *)ctx)->first; d; d = d->next) {
 		add(to, d->uid, d->bytes);
 		for (const struct pending *q = d->pending; q; q = q->next)
-			add(to, q->uid, datasets_points_bytes(q->points));
+			add(to, q->uid, q->bytes);
 	}
 }
 

@@ -30,8 +30,7 @@ struct push *push_free(struct push *p)
 	push_forget_probes(p);
 	names_free(&p->base_paths);
 	push_streams_free(p);
-	names_free(&p->adopt_paths);
-	grid_manifest_free(p->adopt);
+	push_offers_free(p);
 	free(p->adopt_named);
 	push_replace_free(p);
 	if (p->pushes) {
@@ -203,12 +202,10 @@ static const struct err *refuse_reason(const struct push *p, const struct push_r
 }
 
 /* Requests that write nothing need not wait for the push's row. Points go into memory, and a worker that runs out of it waits
- * then (push_row_wait). But a plan may drop a pending push, and a stage continues its files: not before this push is sure to
- * exist. */
+ * then (push_row_wait). The files of a pending push have a row already. */
 static bool may_precede_row(const struct push_request *rq)
 {
-	return rq->kind == PUSH_PROBE ||
-	       (!rq->push->adopt && (rq->kind == PUSH_PLAN || rq->kind == PUSH_STAGE || rq->kind == PUSH_FILE));
+	return rq->kind == PUSH_PROBE || rq->kind == PUSH_PLAN || rq->kind == PUSH_STAGE || rq->kind == PUSH_FILE;
 }
 
 void push_pump(struct push *p)
@@ -417,7 +414,7 @@ void push_remove_files(struct push *p)
 	if (p->committed || p->on_disk || p->dataset->onestep || (p->busy && p->requests->kind == PUSH_COMMIT) ||
 	    dataset_open(p->dataset, &err))
 		return;
-	pending_stage_name(p->id, name);
+	pending_stage_name(p->stem, name);
 	strcat(name, ".");
 	if (io_folder_sweep(p->dataset->dirfd, name, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the files of a push cannot be removed", &err);

@@ -1,6 +1,6 @@
 /*
- * The beginning of a push: the newest manifest of the dataset, a pending push of the same user, and then the push's row in the
- * catalogue, so that the next start finds what the push writes.
+ * The beginning of a push: the newest manifest of the dataset, the pending pushes of the same user, and then the push's row in
+ * the catalogue, so that the next start finds what the push writes.
  *
  * Nobody waits for the row: it reaches the disk while headers are read, and points go into memory. Whatever writes comes after it
  * (push_pump, push_row_wait).
@@ -26,9 +26,7 @@ int push_begin_start(struct push *p, struct push_request *rq, struct err *err)
 	if (!p->reading_base)
 		dataset_read_begin(p->dataset);
 	p->reading_base = true;
-	if (!p->has_claim)
-		push_claim(p);
-	return 0;
+	return push_offers_list(p, err);
 }
 
 /* There is no memory for a manifest now: it begins again later. */
@@ -36,6 +34,7 @@ static void release_base(struct push *p)
 {
 	names_free(&p->base_paths);
 	p->base = grid_manifest_free(p->base);
+	push_offers_forget(p);
 	if (p->opened)
 		dataset_close(p->dataset);
 	p->opened = false;
@@ -53,7 +52,7 @@ void push_begin_run(struct push *p, struct push_request *rq)
 	if (!rq->r && p->base)
 		rq->r = push_known_index(p->base, &p->base_paths, &rq->err);
 	if (!rq->r)
-		rq->r = push_adopt(p, &rq->err);
+		rq->r = push_offers_read(p, &rq->err);
 	if (rq->r == -ERR_BUSY)
 		release_base(p);
 }
@@ -139,31 +138,39 @@ static int take_lattice(struct push *p, struct err *err)
 	return 0;
 }
 
-/* The manifests that it has read, and what the commit makes of them. */
-static uint64_t manifest_bytes(const struct push *p)
+/* The manifest of the dataset, and what the commit makes of it. */
+static uint64_t base_bytes(const struct push *p)
 {
-	const struct grid_manifest *all[] = {p->base, p->adopt};
-	uint64_t bytes = names_bytes(&p->base_paths) + names_bytes(&p->adopt_paths);
+	const struct grid_manifest *m = p->base;
 
-	for (int i = 0; i < 2; i++)
-		if (all[i])
-			bytes += 4 * (all[i]->nsources * sizeof *all[i]->sources + all[i]->texts_bytes +
-				      all[i]->nsegments * sizeof *all[i]->segments);
-	return bytes;
+	return m ? names_bytes(&p->base_paths) +
+			       4 * (m->nsources * sizeof *m->sources + m->texts_bytes + m->nsegments * sizeof *m->segments) :
+		   0;
 }
 
-/* Once: takes over the base and the pending push. */
+/* Once: takes over the base. */
 static int take_base(struct push *p, const struct err *why, struct err *err)
 {
 	if (!why)
-		push_adopt_done(p);
-	push_unclaim(p);
+		push_offers_settle(p);
 	if (dataset_created(p->dataset))
 		snprintf(p->agree.created, sizeof p->agree.created, "%s", p->dataset->crs);
 	p->base_settled = true;
 	if (!why && p->base && take_lattice(p, err))
 		return -(int)err->code;
 	return why ? 0 : push_created_scale(p, err);
+}
+
+/* If there is never memory for the pending pushes, it does without them. */
+static int reserve(struct push *p, struct err *err)
+{
+	int r = push_table_reserve(p, base_bytes(p) + push_offers_bytes(p), err);
+
+	if (r >= 0 || !p->noffers)
+		return r;
+	push_offers_free(p);
+	err_clear(err);
+	return push_table_reserve(p, base_bytes(p), err);
 }
 
 bool push_begin_done(struct push *p, struct push_request *rq, const struct err *why)
@@ -186,7 +193,7 @@ bool push_begin_done(struct push *p, struct push_request *rq, const struct err *
 	if (!p->base_settled)
 		r = take_base(p, why, &err);
 	if (!why && !r)
-		r = push_table_reserve(p, manifest_bytes(p), &err);
+		r = reserve(p, &err);
 	p->waits_memory = r == PUSH_WAIT;
 	if (p->waits_memory)
 		return false;
@@ -308,7 +315,7 @@ static void push_init(struct push *p, const struct push_params *in)
 	p->close_request->kind = PUSH_CLOSE;
 	p->close_request->fd = -1;
 	p->close_request->err = ERR_INIT;
-	p->id = ++pushes->core->last_push;
+	p->id = p->stem = ++pushes->core->last_push;
 	p->owner =
 		(struct sched_owner){.uid = in->peer.uid, .flow = ++pushes->core->last_flow, .exempt = rights_admin(&in->peer)};
 	p->calls = *in->calls;

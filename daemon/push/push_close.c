@@ -92,7 +92,7 @@ bool push_abort_done(struct push *p, struct push_request *rq, const struct err *
 	if (!why && !p->committed) {
 		p->nsources = 0;
 		push_replace_nothing(p);
-		p->files = p->durable = 0;
+		p->files = p->listed = p->durable = 0;
 	}
 	push_streams_free(p);
 	p->calls.aborted(rq->token);
@@ -107,7 +107,9 @@ bool push_close_done(struct push *p, struct push_request *rq, const struct err *
 	push_table_release(p);
 	if (p->kept)
 		push_pending_keep(p);
-	else if (p->has_row)
+	else if (p->has_row && p->taken)
+		dataset_drop_row(p->dataset, p->stem);
+	if (p->has_row && !(p->kept && p->stem == p->id))
 		dataset_drop_row(p->dataset, p->id);
 	push_space_end(p); /* the pending push counts now */
 	if (p->opened)

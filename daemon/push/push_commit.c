@@ -29,8 +29,8 @@ static bool is_committed(const struct push *p, uint32_t id)
 	return hit && p->adopt_named[hit - p->adopt->sources];
 }
 
-/* Drops points of sources that are not committed: files of the pending push that were not named again, and files that were not
- * read whole. */
+/* Drops points of sources that are not committed: files of the pending push that were not named again, which stay there, and
+ * files that were not read whole. */
 static int drop_unnamed(struct push *p, struct err *err)
 {
 	size_t n, i = 0;
@@ -301,6 +301,8 @@ static void commit_answer(struct push *p, const struct err *why)
 		dataset_next_install(d, &p->new_state, !p->removes_old_manifest && *p->base_name);
 	}
 	p->committed = !why;
+	if (!why)
+		push_offers_committed(p);
 	if (!why)
 		push_space_end(p); /* the dataset's bytes count now */
 	dataset_commit_end(d, p);

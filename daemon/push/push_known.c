@@ -184,17 +184,12 @@ static int find_successor(struct push *p, struct push_request *rq, const struct 
 	return r;
 }
 
-/* Searches the files of the pending push. */
-static void find_adopted(struct push *p, struct push_request *rq)
+const struct grid_source *push_known_find(const struct push *p, const struct grid_manifest *m, const struct names *paths,
+					  const struct push_request *rq)
 {
-	const struct found found = find_sources(p, p->adopt, &p->adopt_paths, rq);
-	const struct grid_source *s = found.same ? found.same : found.other;
+	const struct found found = find_sources(p, m, paths, rq);
 
-	if (!s)
-		return;
-	rq->adopted = (size_t)(s - p->adopt->sources);
-	rq->known = p->adopt_named[rq->adopted] ? PUSH_KNOWN : PUSH_ADOPTED;
-	rq->in.points = s->points;
+	return found.same ? found.same : found.other;
 }
 
 int push_known(struct push *p, struct push_request *rq)
@@ -242,7 +237,6 @@ int push_known(struct push *p, struct push_request *rq)
 		return push_reading_refuse(p, rq, found.other);
 	if (found.path && !rq->add && !replaces)
 		return other_content(p, rq);
-	if (p->adopt && push_same_reading(p, rq))
-		find_adopted(p, rq);
+	push_offers_find(p, rq);
 	return 0;
 }

@@ -19,7 +19,7 @@ int push_lines_begin(struct push *p, struct push_request *rq, struct pipe_ingest
 	int r = push_row_wait(p, &rq->err);
 
 	p->lines.staged = true;
-	breaklines_staged_name(p->id, rq->source, name);
+	breaklines_staged_name(p->stem, rq->source, name);
 	if (!r)
 		r = breakline_writer_new(p->dataset->dirfd, name, &params->lines, &rq->err);
 	params->unit_xy = p->agree.unit_xy;
@@ -31,7 +31,7 @@ int push_lines_end(struct push *p, struct push_request *rq, struct breakline_wri
 	struct breakline_totals totals;
 	char name[64];
 
-	breaklines_staged_name(p->id, rq->source, name);
+	breaklines_staged_name(p->stem, rq->source, name);
 	if (!r)
 		r = breakline_writer_finish(w, &totals, &rq->err);
 	breakline_writer_free(w);
@@ -161,7 +161,7 @@ static int publish(struct push *p, const struct grid_source *const *lines, size_
 
 	for (size_t i = 0; !r && i < n; i++)
 		if (!p->base || lines[i] < p->base->sources || lines[i] >= p->base->sources + p->base->nsources)
-			r = breaklines_publish(p->dataset->dirfd, p->id, lines[i], err);
+			r = breaklines_publish(p->dataset->dirfd, p->stem, lines[i], err);
 	return r;
 }
 
@@ -225,7 +225,8 @@ void push_lines_undo(struct push *p)
 	for (size_t i = 0; !r && p->lines.published && i < p->nsources; i++)
 		r = breaklines_remove(p->dataset->dirfd, &p->sources[i], &err);
 	for (size_t i = 0; !r && p->lines.published && p->adopt && i < p->adopt->nsources; i++)
-		r = breaklines_remove(p->dataset->dirfd, &p->adopt->sources[i], &err);
+		if (p->adopt_named[i])
+			r = breaklines_remove(p->dataset->dirfd, &p->adopt->sources[i], &err);
 	p->lines.published = false;
 	if (r)
 		dataset_left(p->dataset, &err);

@@ -111,7 +111,8 @@ struct push_request {
 	size_t target;       /* 1 + the index in push.base of the source that it replaces; 0: none */
 	struct input *whole; /* a file that several workers read; the loop closes it */
 	struct push_helpers *helpers;
-	size_t adopted; /* index of the source in push.adopt */
+	struct push_offer *offer; /* with the source that this file is, at this index: */
+	size_t adopted;
 };
 
 /* The coordinate system of files; each has one of its own at most. */
@@ -136,6 +137,19 @@ struct push_probed {
 	size_t target;                  /* ... and this one, as push_request.target */
 };
 
+/* A pending push of the dataset, as this push found it (push_pending.c). */
+struct push_offer {
+	uint64_t id, stamp; /* as of struct pending */
+	uint32_t files;
+	bool own;                        /* of the same user: only these are continued */
+	struct grid_manifest *manifest;  /* NULL: it cannot be read */
+	struct names paths;              /* of its sources */
+	uint32_t last;                   /* largest number of a source in its stage */
+	char reading[PUSH_READING_SIZE]; /* how its files were read; "": with other options than this push */
+	const char *useless;             /* why nobody can continue it; NULL: somebody can */
+	bool *gone;                      /* by source: not pending any more after the commit of this push */
+};
+
 struct push {
 	struct push *next;
 	struct pushes *pushes;
@@ -143,6 +157,7 @@ struct push {
 	size_t charged; /* bytes of LEDGER_JOBS */
 	struct dataset *dataset;
 	uint64_t id;
+	uint64_t stem; /* the number in the names of its staged files: its own, or that of the pending push that it continues */
 	struct push_calls calls;
 	void *ctx;
 	struct peer peer;
@@ -194,20 +209,18 @@ struct push {
 	uint32_t *replaced;
 	size_t nreplaced;
 
-	/* The pending push that it continues, or becomes (push_pending.c). */
-	struct grid_manifest *adopt; /* NULL: none */
-	struct names adopt_paths;
-	bool *adopt_named; /* by source: the client named it again */
+	/* Pending pushes that it can continue, the one that it continues, and what it becomes (push_pending.c). */
+	struct push_offer *offers, *taken; /* taken: of the offers; NULL: none */
+	size_t noffers;
+	struct grid_manifest *adopt; /* of `taken` */
+	bool *adopt_named;           /* by source: the client named it again */
 	size_t nadopt_named;
-	uint32_t adopt_last;     /* largest number of a source in its stage */
 	struct pending *pending; /* what it continues, or will become */
-	bool has_claim;          /* `pending` was taken out of the dataset's list */
-	uint64_t dropped;        /* id of a pending push that did not match; 0: none */
-	bool dropped_row;        /* its files are gone, so its row can go */
-	char note[160];
+	char note[256];
 	char reading[PUSH_READING_SIZE]; /* how all its files are read; "": no file yet */
 	bool on_disk;                    /* its files on the disk suffice to continue it */
-	bool aborted, kept;              /* kept: it stays as a pending push */
+	bool aborted, kept;              /* kept: something of it is pending */
+	uint64_t kept_bytes;             /* of that on the disk */
 
 	struct grid_stage *stage;
 	uint64_t stage_bytes;         /* charged */
@@ -218,7 +231,8 @@ struct push {
 	struct err broken_err;
 	struct grid_source *sources;
 	size_t nsources;
-	uint32_t files; /* staged whole */
+	uint32_t files;  /* staged whole: as many as sources */
+	uint32_t listed; /* of these, in the list on the disk */
 	uint32_t durable;
 	uint64_t unsynced_points;
 	uint64_t synced_ns, begun_ns, asked_ns, commit_ns; /* asked: the last request; commit: the first commit request */
@@ -241,6 +255,7 @@ struct push {
 		struct lock lock;               /* guards what is not atomic */
 		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
 		uint64_t promised;              /* of `taken`, not written yet */
+		uint64_t held, adopted;         /* bytes of the pending push that it continues; with the segment of its files */
 		uint64_t own, owed;             /* of user-disk: of the pushing user; of the owner, if that is another user */
 		uint32_t owner;                 /* of the dataset, when the push began */
 		struct err why;                 /* set: there is no space for more */
@@ -408,6 +423,9 @@ static inline bool push_wants_stage(const struct push *p) /* and waits for it */
 
 /* push_known.c. Worker. */
 int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err); /* paths of live sources */
+/* The source of a manifest that this file is; NULL: none. `paths`: of push_known_index. */
+const struct grid_source *push_known_find(const struct push *, const struct grid_manifest *, const struct names *paths,
+					  const struct push_request *);
 /* Sets request->known, and request->in.points of a known file. Refuses another file with the same path. */
 int push_known(struct push *, struct push_request *);
 
@@ -426,7 +444,7 @@ bool push_reading_same(const struct push *, const struct push_request *, const s
 int push_reading_refuse(const struct push *, struct push_request *, const struct grid_source *);
 /* The same for a pending push, whose files all have one reading. */
 void push_note_reading(struct push *, const struct push_request *);
-bool push_same_reading(const struct push *, const struct push_request *);
+bool push_same_reading(const struct push_offer *, const struct push_request *);
 
 /* ---- lattice, plane, coordinate system ---- */
 
@@ -449,11 +467,9 @@ int push_created_crs(const struct push *, struct err *err);
 
 /* push_space.c */
 void push_space_claim(struct push *, const struct pending *); /* it left the dataset's list, and counts as before */
-void push_space_unclaim(struct push *);                       /* it is in the list again */
 int push_space_plan(struct push *, struct err *err);          /* worker: for all probed files */
 bool push_space_staged(struct push *, uint64_t points);       /* worker: for points of a file; false: no space */
-void push_space_adopted(struct push *);
-const struct err *push_space_full(const struct push *); /* NULL: there was space so far */
+const struct err *push_space_full(const struct push *);       /* NULL: there was space so far */
 void push_space_tick(struct push *);
 void push_space_end(struct push *);
 
@@ -461,10 +477,21 @@ void push_space_end(struct push *);
 int push_pending_write(struct push *, struct err *err); /* worker: what was staged so far can be continued */
 void push_end_files(struct push *);                     /* worker: the files of a push that ends; sets push.kept */
 void push_pending_keep(struct push *);                  /* the push has ended, and is pending */
-void push_claim(struct push *);                         /* takes the newest pending push of its user */
-void push_unclaim(struct push *);                       /* puts it back */
-int push_adopt(struct push *, struct err *err);         /* worker: continues what it has claimed */
-void push_adopt_done(struct push *);
-void push_adopt_drop(struct push *); /* none of its files was named again: its lattice and system do not count */
+int push_offers_list(struct push *, struct err *err);   /* which pending pushes there are */
+int push_offers_read(struct push *, struct err *err);   /* worker: their files. -ERR_BUSY, -ERR_NOMEM */
+void push_offers_forget(struct push *);                 /* what was read. Any thread */
+void push_offers_settle(struct push *);                 /* drops those of no use; sets push.note */
+void push_offers_free(struct push *);
+uint64_t push_offers_bytes(const struct push *); /* memory of their tables */
+/* The lattice of a pending push with the system that was agreed, for a dataset that has none yet. NULL: there is none. */
+const struct lattice *push_offers_near(const struct push *);
+/* Worker: searches the file among theirs; sets request->known, ->offer and ->adopted if it is there. */
+void push_offers_find(struct push *, struct push_request *);
+/* The file of a request that push_offers_find has found counts. Takes its pending push, if this push has not; PUSH_WAIT: no
+ * memory now; PUSH_AGAIN: the pending push is not there any more, so the file must be probed again. -ERR_X */
+enum { PUSH_AGAIN = 3 };
+int push_adopt(struct push *, struct push_request *, struct err *err);
+void push_offers_known(struct push *, const char *path); /* the dataset has this file */
+void push_offers_committed(struct push *);               /* files that are in the dataset now are not pending any more */
 
 #endif

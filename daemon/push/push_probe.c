@@ -97,10 +97,18 @@ bool push_probe_done(struct push *p, struct push_request *rq, const struct err *
 	if (!why && push_replace_room(p, rq, &err))
 		why = &err;
 	if (!why && rq->known == PUSH_ADOPTED) {
-		p->adopt_named[rq->adopted] = true;
-		p->nadopt_named++;
-		result.replaced = push_replace_note(p, rq->path, rq->replace, rq->target);
+		r = push_adopt(p, rq, &err);
+		p->waits_memory = r == PUSH_WAIT;
+		p->busy &= r != PUSH_AGAIN;
+		if (r > 0)
+			return false;
+		if (r)
+			why = &err;
+		else
+			result.replaced = push_replace_note(p, rq->path, rq->replace, rq->target);
 	}
+	if (!why && rq->known == PUSH_KNOWN)
+		push_offers_known(p, rq->path);
 	if (!why && rq->known == PUSH_NEW) {
 		result.info = &rq->info;
 		r = push_remember_probe(p, rq, &err);
@@ -123,10 +131,10 @@ int push_plan_start(struct push *p, struct push_request *rq, struct err *err)
 	const struct agree_inputs inputs = push_inputs(p);
 	int r;
 
-	push_adopt_drop(p);
 	r = agree_plane_choose(&p->agree, &inputs, err);
 	if (!r)
 		r = agree_crs(&p->agree, &inputs, err);
+	p->agree.near = push_offers_near(p);
 	if (!r)
 		r = push_created_crs(p, err);
 	if (r || p->agree.has_lattice)

@@ -139,10 +139,10 @@ void push_note_reading(struct push *p, const struct push_request *rq)
 		snprintf(p->reading, sizeof p->reading, "several"); /* matches no file */
 }
 
-bool push_same_reading(const struct push *p, const struct push_request *rq)
+bool push_same_reading(const struct push_offer *o, const struct push_request *rq)
 {
 	char text[PUSH_READING_SIZE];
 
 	reading_text(rq, text);
-	return !strcmp(p->reading, text);
+	return !strcmp(o->reading, text);
 }

@@ -72,20 +72,25 @@ static int reserve(struct push *p, uint64_t bytes, uint64_t points, struct err *
 
 void push_space_claim(struct push *p, const struct pending *q)
 {
-	p->space.own = datasets_points_bytes(q->points);
-	limit_release_and_recount(p->pushes->core, p->peer.uid, -(int64_t)p->space.own, 0, 0);
+	p->space.held = q->bytes;
+	p->space.own += q->bytes;
+	limit_release_and_recount(p->pushes->core, p->peer.uid, -(int64_t)q->bytes, 0, 0);
 	datasets_count(p->pushes->datasets);
 }
 
-void push_space_unclaim(struct push *p)
+/* Of the pending push that it continues: its runs are there, and the segment will have the files that were named. */
+static uint64_t adopted_bytes(const struct push *p)
 {
-	limit_release_and_recount(p->pushes->core, p->peer.uid, (int64_t)p->space.own, 0, 0);
-	p->space.own = 0;
+	uint64_t points = 0;
+
+	for (size_t i = 0; p->adopt && i < p->adopt->nsources; i++)
+		points += p->adopt_named[i] ? pending_source_points(&p->adopt->sources[i]) : 0;
+	return p->adopt ? p->space.held + datasets_points_bytes(points) : 0;
 }
 
 int push_space_plan(struct push *p, struct err *err)
 {
-	uint64_t points = pending_points(p->adopt), need;
+	uint64_t points = 0, need;
 	int r = 0;
 
 	if (p->has_crop)
@@ -97,7 +102,8 @@ int push_space_plan(struct push *p, struct err *err)
 		if (!probe->excluded && __builtin_add_overflow(points, claimed, &points))
 			points = UINT64_MAX / 64;
 	}
-	need = needed_bytes(p, points);
+	p->space.adopted = adopted_bytes(p);
+	need = p->space.adopted + needed_bytes(p, points);
 	lock_take(&p->space.lock);
 	if (need > atomic_load(&p->space.taken))
 		r = reserve(p, need - atomic_load(&p->space.taken), points, err);
@@ -107,7 +113,7 @@ int push_space_plan(struct push *p, struct err *err)
 
 bool push_space_staged(struct push *p, uint64_t points)
 {
-	uint64_t all = atomic_load(&p->space.staged) + points, need = needed_bytes(p, all), taken;
+	uint64_t all = atomic_load(&p->space.staged) + points, need = p->space.adopted + needed_bytes(p, all), taken;
 	struct err err = ERR_INIT;
 
 	if (need <= atomic_load(&p->space.taken))
@@ -125,11 +131,6 @@ bool push_space_staged(struct push *p, uint64_t points)
 	return !p->space.why.code;
 }
 
-void push_space_adopted(struct push *p)
-{
-	atomic_fetch_add(&p->space.staged, pending_points(p->adopt));
-}
-
 const struct err *push_space_full(const struct push *p)
 {
 	return p->space.why.code ? &p->space.why : NULL;
@@ -141,7 +142,7 @@ void push_space_tick(struct push *p)
 	struct push_space *s = &p->space;
 
 	/* Points in memory are not written. */
-	written = written > p->stage_bytes ? written - p->stage_bytes : 0;
+	written = p->space.held + (written > p->stage_bytes ? written - p->stage_bytes : 0);
 	/* A worker may wait for the file system while it holds the lock. The next tick comes soon. */
 	if (!lock_try(&s->lock))
 		return;

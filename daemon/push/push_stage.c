@@ -40,10 +40,11 @@ int push_stage_start(struct push *p, struct push_request *rq, struct err *err)
 
 void push_stage_run(struct push *p, struct push_request *rq)
 {
-	char name[48];
+	char name[48], segment[48];
 	struct grid_stage_params params = {
 		.dirfd = p->dataset->dirfd,
 		.name = name,
+		.segment = segment,
 		.memory = p->task.bytes - p->read_bytes - p->lines.want,
 		.durable = !p->dataset->onestep,
 		.temporary = p->dataset->onestep, /* nobody finds it after a crash */
@@ -53,7 +54,8 @@ void push_stage_run(struct push *p, struct push_request *rq)
 	};
 
 	p->lines.have = p->lines.want;
-	pending_stage_name(p->id, name);
+	pending_stage_name(p->stem, name);
+	pending_stage_name(p->id, segment);
 	if (p->on_disk)
 		rq->r = grid_stage_resume(&params, &p->stage, &rq->err);
 	else
@@ -98,7 +100,7 @@ bool push_sync_done(struct push *p, struct push_request *rq, const struct err *w
 {
 	struct err err = ERR_INIT;
 	struct catalogue_push row = {
-		.id = p->id,
+		.id = p->stem,
 		.dataset = p->dataset->id,
 		.uid = p->peer.uid,
 		.files = p->files,

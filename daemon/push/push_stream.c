@@ -400,10 +400,7 @@ int push_stream(struct push *p, int fd, const char *name, struct err *err)
 		return err->code ? -(int)err->code : err_set(err, ERR_NOMEM, "no memory for a stream");
 	}
 	s->push = p;
-	/* The lattice of a pending push may be dropped as long as none of its files was named: then the text decides, and has to
-	 * be read twice. */
-	s->text = !strcmp(p->format, "xyz") &&
-		  (*p->agree.scale_xy || (p->agree.has_lattice && (p->base || !p->adopt || p->nadopt_named)));
+	s->text = !strcmp(p->format, "xyz") && (*p->agree.scale_xy || p->agree.has_lattice);
 	s->fd = fd;
 	s->spool = -1;
 	s->err = ERR_INIT;

@@ -75,7 +75,8 @@ static void held_by(const struct push *p, uint64_t held[LEDGER_NAMES])
 	/* During some requests a worker reads or frees these. */
 	if (!p->busy || p->waits_memory) {
 		held[LEDGER_MANIFEST] += p->base ? p->base->charged : 0;
-		held[LEDGER_MANIFEST] += p->adopt ? p->adopt->charged : 0;
+		for (size_t i = 0; i < p->noffers; i++)
+			held[LEDGER_MANIFEST] += p->offers[i].manifest ? p->offers[i].manifest->charged : 0;
 	}
 	if (p->requests && p->requests->helpers)
 		held[LEDGER_INPUT] += push_helpers_held(p->requests->helpers);

@@ -30,9 +30,10 @@ static void message_pending(const struct dataset_info *info, struct message_data
 		strftime(day, sizeof day, "%Y-%m-%dT%H:%M:%SZ", &tm);
 	if (info->pending)
 		snprintf(m->pending, sizeof m->pending,
-			 "%s%u interrupted push%s, the newest of user %u: %u files, %llu points, kept until %s",
+			 "%s%u interrupted push%s, the newest of user %u: %llu files, %llu points, %skept until %s",
 			 info->pushes ? "a push is open; " : "", info->pending, info->pending == 1 ? "" : "es", info->pending_uid,
-			 info->pending_files, (unsigned long long)info->pending_points, day);
+			 (unsigned long long)info->pending_files, (unsigned long long)info->pending_points,
+			 info->pending == 1 ? "" : "the oldest ", day);
 	else if (info->pushes)
 		snprintf(m->pending, sizeof m->pending, "a push is open");
 	m->dataset.pending = m->pending;

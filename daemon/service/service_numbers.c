@@ -167,7 +167,7 @@ size_t service_users(const struct service *s, uint64_t from, struct service_user
 		}
 		for (q = d->pending; q; q = q->next)
 			if ((u = find_uid(ret, users.n, q->uid)))
-				u->pending_bytes += datasets_points_bytes(q->points);
+				u->pending_bytes += q->bytes;
 	}
 	jobs_unfinished(s->jobs, count_job, &users);
 	return users.n;

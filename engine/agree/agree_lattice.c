@@ -159,6 +159,43 @@ static int collect(struct agree *a, const struct agree_inputs *in, struct chosen
 	return 0;
 }
 
+/* All numbers of a lattice with scale `of` are on one with this scale: k shifts by whole steps. */
+static bool divides(struct decimal scale, struct decimal of)
+{
+	struct decimal whole = scale;
+	int64_t steps;
+
+	return decimal_steps(of.mantissa, of.exponent, 1, 1, scale, &steps) &&
+	       !__builtin_mul_overflow(scale.mantissa, steps, &whole.mantissa) && !decimal_compare(whole, of);
+}
+
+static bool box_fits(const struct lattice *l, const struct lattice_input *in)
+{
+	for (int k = 0; k < 3; k++) {
+		double scale = decimal_double(k < 2 ? l->scale_xy : l->scale_z);
+		double low = in->min[k] / scale - (double)l->k[k], high = in->max[k] / scale - (double)l->k[k];
+
+		/* A box that is not finite or inverted says nothing. */
+		if (!(low <= high && low > INT32_MIN && high < INT32_MAX))
+			return false;
+	}
+	return true;
+}
+
+/* The chosen lattice has no number that the near one has not, and all inputs fit. */
+static bool takes_near(const struct agree *a, const struct agree_inputs *in, const struct chosen *c)
+{
+	const struct lattice *l = a->near;
+
+	if (!l || (c->at_xy && decimal_compare(c->xy, l->scale_xy)) || (c->at_z && decimal_compare(c->z, l->scale_z)) ||
+	    !divides(l->scale_xy, a->lattice.scale_xy) || !divides(l->scale_z, a->lattice.scale_z))
+		return false;
+	for (size_t i = 0; i < c->n; i++)
+		if (in->at(in->ctx, c->which[i]) && !box_fits(l, &c->coords[i]))
+			return false;
+	return true;
+}
+
 int agree_lattice(struct agree *a, const struct agree_inputs *in, struct err *err)
 {
 	struct chosen c = {.n = 0};
@@ -183,6 +220,8 @@ int agree_lattice(struct agree *a, const struct agree_inputs *in, struct err *er
 		r = lattice_choose(c.coords, c.n, c.at_xy, c.at_z, &a->lattice, err);
 	if (r == -ERR_INPUT && c.n > 1 && *err->file)
 		r = choose_of_fewer(a, in, &c, err);
+	if (!r && takes_near(a, in, &c))
+		a->lattice = *a->near;
 	if (!r)
 		note_rounding(a, in);
 	free(c.coords);

@@ -73,8 +73,9 @@ struct agree {
 	char crs[CRS_TEXT_SIZE], unit_xy[CRS_UNIT_SIZE], unit_z[CRS_UNIT_SIZE]; /* "unknown" at first */
 	char crs_of[256];                                                       /* who says so: the dataset, or an input */
 	struct lattice lattice;
-	char note[AGREE_NOTE]; /* what the lattice does to inputs that did not ask for it; "" */
-	bool projects;         /* some inputs are degrees, which are projected to `zone` */
+	const struct lattice *near; /* agree_lattice chooses this one if all inputs lie on it; NULL: none */
+	char note[AGREE_NOTE];      /* what the lattice does to inputs that did not ask for it; "" */
+	bool projects;              /* some inputs are degrees, which are projected to `zone` */
 	struct crs_zone zone, wanted;
 	char datum[64];               /* of the degrees */
 	char geoid_text[AGREE_GEOID]; /* as in a manifest; "": heights stay */

@@ -316,7 +316,7 @@ class Pushed:
     points: int  # of the dataset, now
     unchanged: bool  # it made no generation
     files: List[PushedFile]
-    note: str    # what became of an interrupted push before this one
+    note: str    # what was there of interrupted pushes, and what was dropped; "": nothing
     line_set: Optional[LineSet] = None  # where the push changed the lines, and some are left
 
     @property

@@ -1,6 +1,6 @@
 """A push that is repeated after an interruption continues: the daemon or the client was killed or interrupted, during files or
-the commit. The lattice is the same, and the digests are those of an uninterrupted push. It does not continue for another user,
-with other options, or too late."""
+the commit. The lattice is the same, and the digests are those of an uninterrupted push. Other pushes may come between. It does not
+continue for another user, with other options, or too late."""
 import json
 import os
 import shutil
@@ -105,7 +105,7 @@ def killed_daemon():
         says(d.ctl("push", "s", os.path.join(base, "absent.las")), 1)
         wait_for(lambda: "3 files" in (pending(d, "s") or ""), "a failed push took the pending one with it")
         # Fewer files, other order: the lattice is the interrupted push's all the same.
-        got = says(d.ctl("push", "s", *reversed(paths)), 0, "is taken up", "the others go with the commit", "not read again")
+        got = says(d.ctl("push", "s", *reversed(paths)), 0, "3 files of an interrupted push are here", "not read again")
         expect(got.out.count("not read again") + got.err.count("not read again") == 3, got.out + got.err)
         expect(digests(d, "s") == want and show(d, "s")["lattice"] == lattice, "another mesh")
         wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
@@ -155,11 +155,17 @@ def vanished_client():
         got = d.ctl("push", "t", *paths, "--checksum", "--json").ok()
         expect(states(got) == ["adopted", "adopted", "staged", "staged"], str(states(got)))
         expect(digests(d, "t") == want, "another mesh")
-        # Only what is named again counts.
+        # Only what is named again counts; the rest stays until it is named.
         Half(d, "u", paths, 3, wait=False).vanish()
         got = d.ctl("push", "u", paths[1], "--json").ok()
         expect(states(got) == ["adopted"], str(states(got)))
         expect(show(d, "u")["points"] == 3000 and digests(d, "u")[2] == 3000, str(show(d, "u")))
+        wait_for(lambda: "2 files, 6000 points" in (pending(d, "u") or ""), "the rest is gone: %s" % pending(d, "u"))
+        d.stop(signal.SIGKILL)
+        d.start()
+        got = d.ctl("push", "u", *paths, "--json").ok()
+        expect(states(got) == ["adopted", "known", "adopted", "staged"], str(states(got)))
+        expect(digests(d, "u") == want and pending(d, "u") is None, "another mesh")
         # Without a staged file there is no pending push, and no dataset.
         Half(d, "v", paths, 0, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "v").status == 4, "a dataset of nothing")
@@ -277,12 +283,13 @@ def killed_in(base, d, gate):
 def what_does_not_fit():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         paths = tiles(base, 3)
-        # Other options: it is dropped, and said.
+        # Other options: its files are read again, and that is said.
         Half(d, "a", paths, 2, wait=False).vanish()
-        got = says(d.ctl("push", "a", *paths, "--planar"), 0, "is dropped with its 2 files", "other options")
+        got = says(d.ctl("push", "a", *paths, "--planar"), 0, "2 files of an interrupted push", "other options")
         expect("not read again" not in got.out + got.err and show(d, "a")["points"] == 9000, got.out)
+        wait_for(lambda: pending(d, "a") is None, "pending, though the dataset has all: %s" % pending(d, "a"))
         Half(d, "b", paths, 2, wait=False).vanish()
-        says(d.ctl("push", "b", *paths, "--scale", "0.5"), 0, "another --scale")
+        says(d.ctl("push", "b", *paths, "--scale", "0.5"), 0, "other options")
         # Systems that differ late in their names.
         system = "County grid of the northern valleys, revised edition of "
         Half(d, "h", paths, 2, wait=False, assume_crs=system + "1998").vanish()
@@ -297,12 +304,14 @@ def what_does_not_fit():
         Half(d, "f", paths, 2, wait=False).vanish()
         got = d.ctl("push", "f", *paths, "--input-format", "las", "--json").ok()
         expect(states(got) == ["staged"] * 3 and show(d, "f")["points"] == 9000, str(states(got)))
-        # None of its files is named again: its lattice does not count either.
+        # The first points come from a file that is not on its lattice: the dataset gets another one.
         Half(d, "g", paths, 2, wait=False).vanish()
-        coarse = las(os.path.join(base, "coarse.las"), [(0, 0, 0), (9, 0, 0), (0, 9, 0)], scale=(2., 2., 2.))
-        says(d.ctl("push", "g", coarse), 0)
-        expect(show(d, "g")["points"] == 3 and show(d, "g")["lattice"]["scale_xy"] in (2, "2", 2.0), str(show(d, "g")))
-        # Nor where what comes instead is a text through a pipe, whose scale is not known before its end.
+        fine = las(os.path.join(base, "fine.las"), [(0, 0, 0), (9, 0, 0), (0, 9, 0)], scale=(.001, .001, .001))
+        says(d.ctl("push", "g", fine), 0)
+        expect(show(d, "g")["points"] == 3 and show(d, "g")["lattice"]["scale_xy"] in (.001, "0.001"), str(show(d, "g")))
+        says(d.ctl("push", "g", *paths), 0, "is dropped with its 2 files", "another lattice")
+        expect(show(d, "g")["points"] == 9003 and pending(d, "g") is None, str(show(d, "g")))
+        # Likewise a text through a pipe, whose scale is not known before its end.
         Half(d, "p", paths, 2, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "p").status == 0 and "2 files" in (pending(d, "p") or ""), "not pending")
         p = subprocess.run([e2e.ACUTCTL, "push", "p", "-", "--input-format", "xyz", "--name", "t"],
@@ -355,6 +364,49 @@ def what_does_not_fit():
         says(d.ctl("push", "e", *paths, bad, "--strict"), 1)
         wait_for(lambda: d.ctl("dataset", "show", "e").status == 4, "--strict left something")
         wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+
+
+def others_between():
+    """A survey of ten files is interrupted after eight. What others push meanwhile, also into a dataset that has no points yet, and also
+    if the daemon is killed, does not touch the eight."""
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, env=gate.env) as d:
+            others_push(base, d, gate)
+
+
+def others_push(base, d, gate):
+    paths = tiles(base, 10)
+    las(paths[8], [(i % 317 * 31, i // 317 * 31, 0) for i in range(100000)], scale=(.01, .01, .01), offset=(800., 13.37, 0))
+    coarse = las(os.path.join(base, "coarse.las"), [(0, 0, 0), (9, 0, 0), (0, 9, 0)], scale=(2., 2., 2.))
+    other = las(os.path.join(base, "other.las"), [(0, 0, 0), (9, 0, 0), (0, 9, 0)], scale=(.01, .01, .01))
+    d.ctl("push", "want", *paths).ok()
+    d.ctl("push", "want", other, coarse).ok()
+    want = digests(d, "want")
+    gate.close("pread", "/t008.las", 6)
+    p = subprocess.Popen([e2e.ACUTCTL, "push", "s"] + paths, env=dict(os.environ, ACUT_SOCKET=d.socket), stdout=subprocess.PIPE,
+                         stderr=subprocess.PIPE)
+    gate.wait()
+    p.send_signal(signal.SIGKILL)
+    gate.open()
+    p.communicate(timeout=e2e.PATIENCE)
+    wait_for(lambda: d.ctl("dataset", "show", "s").status == 0 and "8 files" in (pending(d, "s") or ""), "not pending")
+    says(d.ctl("push", "s", coarse), 0, "8 files of an interrupted push are here")
+    expect("8 files, 24000 points" in pending(d, "s") and show(d, "s")["points"] == 3, str(show(d, "s")))
+    # It is interrupted itself, too.
+    Half(d, "s", [other], 1).vanish()
+    wait_for(lambda: "2 interrupted pushes" in (pending(d, "s") or ""), str(pending(d, "s")))
+    expect("9 files, 24003 points" in pending(d, "s"), str(pending(d, "s")))
+    d.stop(signal.SIGKILL)
+    d.start()
+    expect("9 files, 24003 points" in pending(d, "s"), str(pending(d, "s")))
+    got = d.ctl("push", "s", *paths, "--json").ok()
+    expect(states(got) == ["adopted"] * 8 + ["staged"] * 2, str(states(got)))
+    wait_for(lambda: "1 files, 3 points" in (pending(d, "s") or ""), str(pending(d, "s")))
+    expect(states(d.ctl("push", "s", other, "--json").ok()) == ["adopted"], "not taken over")
+    expect(digests(d, "s") == want and pending(d, "s") is None, "another mesh")
+    wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+    says(d.ctl("cache", "verify"), 0)
 
 
 def another_user():
@@ -458,4 +510,4 @@ def two_at_once():
 
 if __name__ == "__main__":
     e2e.main(killed_daemon, killed_again_and_again, vanished_client, cut_off_in_a_file, interrupted_client, killed_in_the_commit, what_does_not_fit,
-             another_user, idle_push_gives_memory, two_at_once)
+             others_between, another_user, idle_push_gives_memory, two_at_once)

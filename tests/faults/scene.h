@@ -44,6 +44,10 @@ enum mark {
 	MARK_LINES_ASKED,    /* a mesh of the generation with lines 1 and 2 */
 	MARK_LINES_PRUNING,  /* e: only the newest generation stays: begun */
 	MARK_LINES_PRUNED,
+	MARK_BETWEEN_PENDING, /* f: files 2, 3 and 4, of an interrupted push */
+	MARK_BETWEEN,         /* f: file 1 */
+	MARK_BETWEEN_PARTLY,  /* f: file 2, of the interrupted push, and file 5 */
+	MARK_BETWEEN_ALL,     /* f: files 3 and 4, which were still pending */
 };
 
 /* What the meshes are, whatever happens. */
@@ -51,6 +55,7 @@ struct scene_digests {
 	char one[DIGEST_HEX_SIZE], all[DIGEST_HEX_SIZE], selected[DIGEST_HEX_SIZE];
 	char reverted[DIGEST_HEX_SIZE], pruned[DIGEST_HEX_SIZE];
 	char lines[3][DIGEST_HEX_SIZE]; /* e: both, reverted, replaced */
+	char between[DIGEST_HEX_SIZE];  /* f: all files */
 	uint64_t job, selected_job;
 };
 
@@ -293,6 +298,36 @@ static void play_lines(struct scene_digests *ret)
 	fault_mark(MARK_LINES_PRUNED);
 }
 
+static void wait_pending(const char *name, unsigned files)
+{
+	struct dataset *d;
+	struct dataset_info info;
+
+	turn_until((d = dataset_find(h.service->datasets, name, &me)) && (dataset_info(d, &info), info.pending_files == files));
+}
+
+/* What becomes of an interrupted push when others come before its repetition. */
+static void play_between(struct scene_digests *ret)
+{
+	static const unsigned left[] = {2, 3, 4}, some[] = {2, 5};
+	enum push_known_as known[FILES];
+
+	must(!push_some("f", left, 3, 3, false, NULL));
+	push_end();
+	wait_pending("f", 3);
+	fault_mark(MARK_BETWEEN_PENDING);
+	push_one("f", 1);
+	fault_mark(MARK_BETWEEN);
+	must(!push_some("f", some, 2, 2, true, known) && known[0] == PUSH_ADOPTED);
+	fault_mark(MARK_BETWEEN_PARTLY);
+	push_end();
+	wait_pending("f", 2);
+	must(!push_some("f", left + 1, 2, 2, true, known) && known[0] == PUSH_ADOPTED && known[1] == PUSH_ADOPTED);
+	fault_mark(MARK_BETWEEN_ALL);
+	push_end();
+	mesh_at("f", 0, ret->between);
+}
+
 static void play(struct scene_digests *ret)
 {
 	static const unsigned seed[FILES] = {1, 2, 3};
@@ -327,6 +362,7 @@ static void play(struct scene_digests *ret)
 	mesh_at("a", 0, ret->all);
 	play_on(ret);
 	play_lines(ret);
+	play_between(ret);
 	turn_until(!service_active(h.service));
 }
 
@@ -380,6 +416,43 @@ static void check_lines(uint64_t marks, const struct scene_digests *want)
 	}
 }
 
+/* What nobody names again stays for 7 days. They are over. */
+static void end_pending(void)
+{
+	struct dataset *next;
+
+	for (struct dataset *d = datasets_first(h.service->datasets); d; d = next) {
+		next = d->next;
+		for (struct pending *q; (q = d->pending);)
+			pending_drop(d, pending_take(d, q->id, q->stamp), "it is of no use any more");
+	}
+}
+
+/* Of play_between: nothing that was durable is read again, and each file is there once. */
+static void check_between(uint64_t marks, const struct scene_digests *want)
+{
+	static const unsigned first[] = {2, 3, 4}, others[] = {1, 5};
+	enum push_known_as known[FILES];
+	struct dataset_info info;
+	char digest[DIGEST_HEX_SIZE];
+
+	must(!push_some("f", first, 3, 3, true, known));
+	for (unsigned i = 0; i < 3; i++)
+		must(!has(MARK_BETWEEN_PENDING) || known[i] != PUSH_NEW);
+	must(!has(MARK_BETWEEN_PARTLY) || known[0] == PUSH_KNOWN);
+	must(!has(MARK_BETWEEN_ALL) || (known[1] == PUSH_KNOWN && known[2] == PUSH_KNOWN));
+	push_end();
+	must(!push_some("f", others, 2, 2, true, known));
+	must(!has(MARK_BETWEEN) || known[0] == PUSH_KNOWN);
+	must(!has(MARK_BETWEEN_PARTLY) || known[1] == PUSH_KNOWN);
+	push_end();
+	wait_pending("f", 0);
+	dataset_info(dataset_find(h.service->datasets, "f", &me), &info);
+	must(info.files == 5 && info.points == UINT64_C(5) * POINTS);
+	mesh_at("f", 0, digest);
+	must(!strcmp(digest, want->between));
+}
+
 /* All that was acknowledged is there and right; then the rest is done, and the whole is right too. */
 static void check_all(uint64_t marks, const struct scene_digests *want)
 {
@@ -416,11 +489,13 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 	must((job = submit_at(dataset_find(h.service->datasets, "a", &me), 0, VIEW)));
 	mesh_to(job, digest);
 	must(!strcmp(digest, want->all));
+	check_between(marks, want);
 	/* A revert or a prune leaves no word in the catalogue that a start would clean up by: the next commit does. */
 	if ((b = dataset_find(h.service->datasets, "b", &me)) && b->generation)
 		push_one("b", 100 + (unsigned)b->generation);
 	if ((b = dataset_find(h.service->datasets, "e", &me)) && b->generation)
 		lines_one("last.txt", 100 + (unsigned)b->generation, true);
+	end_pending();
 	turn_until(!service_active(h.service));
 }
 

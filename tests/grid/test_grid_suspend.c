@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -267,6 +268,38 @@ static void test_drop(void **state)
 	}
 }
 
+/* Two segments of one suspended stage, each with a name of its own; the stage stays as it was. */
+static void test_segments_of_one_stage(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 3000, 2, 1);
+	struct folder f = folder_new();
+	struct grid_stage_params params = {f.fd, "stage", memory, true};
+	struct grid_segment_info info;
+	struct grid_stage *stage;
+	struct err err = ERR_INIT;
+	uint64_t points = 0;
+
+	CHECK(grid_stage_new(&params, &stage, &err));
+	add(stage, &s, 1, 1, &err);
+	add(stage, &s, 2, 2, &err);
+	CHECK(grid_stage_suspend(stage, &err));
+	grid_stage_detach(stage);
+	for (uint32_t id = 1; id <= 2; id++) {
+		params.segment = id == 1 ? "one" : "two";
+		CHECK(grid_stage_resume(&params, &stage, &err));
+		CHECK(grid_stage_drop(stage, 3 - id, &err));
+		CHECK(grid_stage_seal(stage, &info, &err));
+		points += info.points;
+		assert_string_equal(info.file, id == 1 ? "one.seg" : "two.seg");
+		grid_stage_detach(stage);
+	}
+	assert_int_equal(points, s.n);
+	CHECK(grid_stage_discard(f.fd, "stage", &err));
+	assert_int_equal(folder_files(&f, ""), 2);
+	set_free(&s);
+	folder_remove(&f);
+}
+
 /* A state file with a changed byte, or an incomplete run, cannot be resumed. */
 static void test_damage(void **state)
 {
@@ -276,6 +309,8 @@ static void test_damage(void **state)
 	struct grid_stage *stage;
 	struct err err = ERR_INIT;
 	uint8_t bytes[256];
+	uint64_t of_runs;
+	struct stat st[2];
 	uint32_t last;
 	ssize_t n;
 	int fd;
@@ -301,8 +336,10 @@ static void test_damage(void **state)
 	err_clear(&err);
 	CHECK(grid_stage_resume(&params, &stage, &err));
 	grid_stage_detach(stage);
-	CHECK(grid_stage_check(f.fd, "d", &last, &err));
+	CHECK(grid_stage_check(f.fd, "d", &last, &of_runs, &err));
 	assert_int_equal(last, 2);
+	assert_int_equal(fstatat(f.fd, "d.0.run", &st[0], 0) | fstatat(f.fd, "d.1.run", &st[1], 0), 0);
+	assert_int_equal(of_runs, st[0].st_size + st[1].st_size);
 	fd = openat(f.fd, "d.1.run", O_RDWR);
 	assert_int_equal(ftruncate(fd, 100), 0);
 	close(fd);
@@ -319,6 +356,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_death),
 		cmocka_unit_test(test_drop),
+		cmocka_unit_test(test_segments_of_one_stage),
 		cmocka_unit_test(test_damage),
 	};
 

@@ -248,19 +248,24 @@ static void begin(const char *dataset)
 }
 
 /* A push with one file, staged and not committed. The file is closed. */
+static struct push *stage_input(const char *dataset, const struct push_input *input, int fd)
+{
+	begin(dataset);
+	assert_int_equal(got.why.code, 0);
+	ask(push_probe(got.push, dup(fd), input, NULL));
+	assert_int_equal(got.why.code, 0);
+	ask(push_plan(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	ask(push_file(got.push, fd, input, NULL));
+	assert_int_equal(got.why.code, 0);
+	return got.push;
+}
+
 static struct push *stage_file_as(const char *dataset, const char *file, int fd)
 {
 	const struct push_input input = {.name = file};
 
-	begin(dataset);
-	assert_int_equal(got.why.code, 0);
-	ask(push_probe(got.push, dup(fd), &input, NULL));
-	assert_int_equal(got.why.code, 0);
-	ask(push_plan(got.push, NULL));
-	assert_int_equal(got.why.code, 0);
-	ask(push_file(got.push, fd, &input, NULL));
-	assert_int_equal(got.why.code, 0);
-	return got.push;
+	return stage_input(dataset, &input, fd);
 }
 
 /* The file is closed. */

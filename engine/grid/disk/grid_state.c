@@ -112,9 +112,10 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_s
 	return 0;
 }
 
-static int check_runs(int dirfd, const char *stem, const struct grid_state *state, struct err *err)
+static int check_runs(int dirfd, const char *stem, struct grid_state *state, struct err *err)
 {
 	struct grid_run r;
+	struct stat st;
 	char name[GRID_NAME_MAX];
 	bool older = false;
 	int rc = 0;
@@ -122,7 +123,14 @@ static int check_runs(int dirfd, const char *stem, const struct grid_state *stat
 	for (size_t i = 0; rc == 0 && i < state->nruns; i++) {
 		grid_run_name(stem, state->runs[i], name);
 		rc = grid_run_version(dirfd, name, &older, err);
-		if (rc || older)
+		if (rc == 0 && io->fstatat(dirfd, name, &st, 0) != 0) {
+			err_sys(err, errno, "cannot look at");
+			rc = err_add_file(err, name);
+		}
+		if (rc)
+			continue;
+		state->bytes += (uint64_t)st.st_size;
+		if (older)
 			continue;
 		rc = grid_run_open(&r, dirfd, name, false, err);
 		if (rc == 0)

@@ -16,7 +16,9 @@ struct grid_state {
 	size_t nruns;
 	const uint32_t *sources; /* of all records, ascending */
 	size_t nsources;
-	uint32_t *memory; /* only of a state that was read */
+	/* Only of a state that was read. */
+	uint64_t bytes; /* of the runs */
+	uint32_t *memory;
 };
 
 void grid_run_name(const char *stem, uint32_t number, char name[GRID_NAME_MAX]);

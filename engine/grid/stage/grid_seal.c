@@ -160,7 +160,7 @@ static int begin(struct grid_seal *z, unsigned workers, struct err *err)
 	grid_stage_rank(s);
 	cut_pieces(z, workers);
 	slots_init(z, workers);
-	snprintf(name, sizeof name, "%s.seg", s->stem);
+	snprintf(name, sizeof name, "%s.seg", s->segment);
 	return grid_segment_writer_begin(&z->seg, s->segment_dirfd, name, s->all, s->nall, s->pages, err);
 }
 

@@ -61,6 +61,7 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	s->segment_dirfd = params->segment_dirfd ? params->segment_dirfd : params->dirfd;
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
+	snprintf(s->segment, sizeof s->segment, "%s", params->segment ? params->segment : params->name);
 	s->temporary = params->temporary;
 	s->folder_later = params->folder_later;
 	s->ready = params->ready;

@@ -26,7 +26,7 @@ struct grid_stage;
 
 struct grid_stage_params {
 	int dirfd;         /* folder for runs, and for the segment (borrowed) */
-	const char *name;  /* file name stem of the segment, unique in the folder */
+	const char *name;  /* file name stem of its files, unique in the folder */
 	size_t memory;     /* bytes for the stage's buffers; the caller has charged them */
 	bool durable;      /* runs are fsynced; if not, grid_stage_sync does nothing */
 	bool temporary;    /* the segment need not survive a crash, so it is not fsynced */
@@ -34,7 +34,8 @@ struct grid_stage_params {
 	/* Called before each run is created; it may block. If it fails, the stage fails with its result. May be NULL. */
 	int (*ready)(void *ctx, struct err *err);
 	void *ready_ctx;
-	int segment_dirfd; /* folder for the segment (borrowed); 0: dirfd, too */
+	int segment_dirfd;   /* folder for the segment (borrowed); 0: dirfd, too */
+	const char *segment; /* file name stem of the segment, likewise unique; NULL: `name` */
 };
 
 enum { GRID_STAGE_MIN = 1 << 20 }; /* the smallest `memory` */
@@ -95,8 +96,8 @@ struct grid_stage *grid_stage_detach(struct grid_stage *);
 /* Resumes the suspended stage params->name. -ERR_CORRUPT, -ERR_IO: that is not possible. */
 int grid_stage_resume(const struct grid_stage_params *, struct grid_stage **ret, struct err *err);
 /* 0 if a suspended stage of that name looks intact. *ret_last: the largest number of a source that has points in it,
- * or 0. */
-int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, struct err *err);
+ * or 0. *ret_bytes: of its runs. */
+int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, uint64_t *ret_bytes, struct err *err);
 /* The sources that have points in the stage, ascending. */
 const uint32_t *grid_stage_sources(const struct grid_stage *, size_t *ret_n);
 /* Removes the files of a suspended stage; succeeds if there are none. */

@@ -21,7 +21,7 @@ struct grid_stage {
 	int (*ready)(void *ctx, struct err *err); /* as in the params */
 	void *ready_ctx;
 	bool leftovers; /* a run that is not needed any more could not be removed */
-	char stem[STEM_MAX];
+	char stem[STEM_MAX], segment[STEM_MAX];
 	uint8_t *pages; /* index pages of the segment; the beginning of all memory */
 	size_t memory;
 	bool huge;      /* huge pages were requested */

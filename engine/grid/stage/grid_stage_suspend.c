@@ -169,7 +169,7 @@ int grid_stage_resume(const struct grid_stage_params *params, struct grid_stage 
 	return rc;
 }
 
-int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, struct err *err)
+int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, uint64_t *ret_bytes, struct err *err)
 {
 	struct grid_state state;
 	int rc = grid_state_read(dirfd, name, &state, err);
@@ -177,6 +177,7 @@ int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, struct err
 	if (rc)
 		return rc;
 	*ret_last = state.nsources ? state.sources[state.nsources - 1] : 0;
+	*ret_bytes = state.bytes;
 	grid_state_free(&state);
 	return 0;
 }
