@@ -61,7 +61,7 @@ enum ctl_group {
 	CTL_COPY = 1 << 17, /* backup, dataset export */
 	CTL_METRICS = 1 << 18,
 	CTL_CACHE = 1 << 19,   /* cache gc */
-	CTL_DATASET = 1 << 20, /* dataset log, restore */
+	CTL_DATASET = 1 << 20, /* dataset discard, log, prune, restore */
 	CTL_REMOVED = 1 << 21, /* datasets */
 	CTL_CONFIG = 1 << 22,  /* config show */
 	CTL_LINES = 1 << 23,   /* mesh: files of lines beside its inputs */

@@ -231,6 +231,7 @@ const struct cli_verb ctl_dataset_verbs[] = {
 	{"chmod", "chmod MODE DATASET", "rights to read it and to push into it: 640, u=rw,g=r,o=, g+w", 2, 2, NULL, chmod_run},
 	{"chown", "chown USER DATASET", "give it to another owner, as an administrator", 2, 2, NULL, chown_run},
 	{"create", "create NAME", "make a dataset before its first push", 1, 1, "scale crs mode", ctl_dataset_create},
+	{"discard", "discard DATASET", "remove what your interrupted pushes into it left", 1, 1, "all", ctl_dataset_discard},
 	{"export", "export DATASET DIR", "copy one dataset with all its generations into a folder", 2, 2, "copy",
 	 ctl_dataset_export},
 	{"import", "import DIR [NAME]", "make a new dataset from an exported one", 1, 2, NULL, ctl_dataset_import},

@@ -9,6 +9,7 @@ struct program;
 void ctl_dataset_json(const struct console *, const struct acut_dataset *);
 
 int ctl_dataset_create(struct program *);
+int ctl_dataset_discard(struct program *);
 int ctl_dataset_log(struct program *);
 int ctl_dataset_prune(struct program *);
 int ctl_dataset_revert(struct program *);

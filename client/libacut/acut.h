@@ -537,6 +537,15 @@ struct acut_pruned {
 /* All generations but the newest `keep` go, or all before generation `before`; the other one is 0. */
 int acut_dataset_prune(struct acut *, const char *dataset, uint64_t keep, uint64_t before, struct acut_pruned *ret);
 
+struct acut_discarded {
+	uint64_t pushes, files, bytes; /* bytes on the disk, at most */
+	const uint64_t *open;          /* numbers of pushes that go on, and keep what they have, until the next call */
+	size_t nopen;
+};
+/* What interrupted pushes of this user into a dataset left goes; with `all` (1) that of all users, for its owner and
+ * administrators. */
+int acut_dataset_discard(struct acut *, const char *dataset, int all, struct acut_discarded *ret);
+
 struct acut_plan {
 	uint64_t points, domains, memory_bytes, disk_bytes;
 	uint64_t domains_reused; /* of `domains`: there already, finished */

@@ -420,3 +420,20 @@ int acut_dataset_prune(struct acut *a, const char *dataset, uint64_t keep, uint6
 				    .segments = d->segments};
 	return 0;
 }
+
+int acut_dataset_discard(struct acut *a, const char *dataset, int all, struct acut_discarded *ret)
+{
+	Acut__V1__Discard req = ACUT__V1__DISCARD__INIT;
+	const Acut__V1__Discarded *d;
+	int r;
+
+	req.dataset = call_text(dataset);
+	req.all = all;
+	r = call_ask(a, FRAME_MESSAGE(DISCARD, discard, &req), -1, ACUT__V1__MESSAGE__BODY_DISCARDED);
+	if (r < 0)
+		return r;
+	d = a->answer->discarded;
+	*ret = (struct acut_discarded){
+		.pushes = d->pushes, .files = d->files, .bytes = d->bytes, .open = d->open, .nopen = d->n_open};
+	return 0;
+}

@@ -57,6 +57,9 @@ struct tally {
 	uint64_t merges, merged_bytes;
 };
 
+/* `pending`: of an interrupted push. */
+typedef void core_usage_fn(void *to, uint32_t uid, uint64_t bytes, bool pending);
+
 struct core {
 	struct core_params p;
 	struct tally tally;
@@ -79,7 +82,7 @@ struct core {
 	/* Bytes on the disk by user, of datasets and interrupted pushes. Called with LOCK_LIMITS held. */
 	struct core_usage {
 		void *ctx;
-		void (*each)(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to);
+		void (*each)(void *ctx, core_usage_fn *add, void *to);
 	} usage;
 
 	struct core_private *priv; /* core_priv.h */

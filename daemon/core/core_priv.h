@@ -8,6 +8,7 @@
 struct limit_row {
 	uint32_t uid;
 	uint64_t counted; /* from core_usage */
+	uint64_t pending; /* of `counted`: of interrupted pushes */
 	uint64_t taken;   /* limit_disk_take */
 	uint64_t geoids;
 };

@@ -48,12 +48,14 @@ static struct limit_row *row_of(struct limits *l, uint32_t uid)
 	return &l->row[l->n++];
 }
 
-static void add_usage(void *to, uint32_t uid, uint64_t bytes)
+static void add_usage(void *to, uint32_t uid, uint64_t bytes, bool pending)
 {
 	struct limit_row *row = bytes ? row_of(to, uid) : NULL;
 
-	if (row)
-		row->counted += bytes;
+	if (!row)
+		return;
+	row->counted += bytes;
+	row->pending += pending ? bytes : 0;
 }
 
 static bool is_limited(const struct core *core)
@@ -68,7 +70,7 @@ static void recount_locked(struct core *core)
 
 	assert(lock_held(LOCK_LIMITS));
 	for (size_t i = 0; i < l->n; i++) {
-		l->row[i].counted = 0;
+		l->row[i].counted = l->row[i].pending = 0;
 		if (l->row[i].taken || l->row[i].geoids)
 			l->row[n++] = l->row[i];
 	}
@@ -141,26 +143,34 @@ static uint64_t disk_of(const struct limit_row *row)
 	return row ? row->counted + row->taken + row->geoids : 0;
 }
 
-static int refuse_disk(uint32_t uid, uint64_t bytes, uint64_t has, uint64_t limit, const char *what, struct err *err)
+static int refuse_disk(uint32_t uid, uint64_t bytes, uint64_t has, uint64_t pending, uint64_t limit, const char *what,
+		       struct err *err)
 {
 	char need[32], have[32], may[32];
 
 	err_set(err, ERR_LIMIT,
 		"%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)", what,
 		parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
-	err_add_hint(err, "ask an administrator for more, or make room first");
+	if (pending)
+		err_add_hint(err,
+			     "ask an administrator for more, or make room first: interrupted pushes have %s of it (acutctl "
+			     "dataset discard)",
+			     parse_size_text(pending, have));
+	else
+		err_add_hint(err, "ask an administrator for more, or make room first");
 	return err_add_place(err, ERR_NO_OFFSET, "user-disk");
 }
 
 int limit_disk_take(struct core *core, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err)
 {
-	uint64_t limit = admin || rights_of_user(uid, 0).admin ? UINT64_MAX : disk_limit(core), has;
+	uint64_t limit = admin || rights_of_user(uid, 0).admin ? UINT64_MAX : disk_limit(core), has, pending;
 	struct limit_row *row;
 	int r = 0;
 
 	lock_take(&core->priv->limits.lock);
 	row = row_of(&core->priv->limits, uid);
 	has = disk_of(row);
+	pending = row ? row->pending : 0;
 	if (!row)
 		r = err_set(err, ERR_NOMEM, "no memory for the account of a user");
 	else if (bytes > limit || has > limit - bytes)
@@ -168,7 +178,7 @@ int limit_disk_take(struct core *core, uint32_t uid, bool admin, uint64_t bytes,
 	else
 		row->taken += bytes;
 	lock_give(&core->priv->limits.lock);
-	return r == -ERR_LIMIT ? refuse_disk(uid, bytes, has, limit, what, err) : r;
+	return r == -ERR_LIMIT ? refuse_disk(uid, bytes, has, pending, limit, what, err) : r;
 }
 
 void limit_disk_give(struct core *core, uint32_t uid, uint64_t bytes)

@@ -27,7 +27,7 @@ struct peer {
 enum right {
 	RIGHT_READ,  /* mesh, plan, show, log, export, see it in a list */
 	RIGHT_WRITE, /* push, revert */
-	RIGHT_OWN,   /* remove, restore, pin, prune, mode and group */
+	RIGHT_OWN,   /* remove, restore, pin, prune, discard pushes of others, mode and group */
 	RIGHT_CHOWN, /* give it another owner */
 };
 

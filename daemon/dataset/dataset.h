@@ -326,6 +326,15 @@ void pending_add(struct dataset *, struct pending *);
 struct pending *pending_take(struct dataset *, uint64_t id, uint64_t stamp);
 /* Takes one that was taken, and the reference: removes its files in the background. */
 void pending_drop(struct dataset *, struct pending *, const char *why);
+struct discarded {
+	uint64_t pushes, files, bytes; /* bytes of the disk, at most */
+};
+typedef void discard_answer_fn(void *token, const struct err *why, const struct discarded *);
+/* Removes the pending pushes of the peer, or of all users; checks no permission. Answers when their files are removed for good,
+ * whatever happens to the daemon. With an error some of them, which cannot be removed, are pending as before: -ERR_IO,
+ * -ERR_NOMEM, -ERR_CANCELLED. The dataset may be gone by then. */
+void dataset_discard(struct dataset *, const struct peer *, bool all, discard_answer_fn *answer, void *token);
+bool dataset_has_pending(const struct dataset *, uint32_t uid); /* of that user */
 /* A user may have so many in a dataset. */
 enum { PENDING_MOST = 32 };
 void pending_expire(struct dataset *);                           /* drops those that are older than 7 days, or too many */

@@ -3,7 +3,8 @@
  *
  * The model: a push leaves its stage in the dataset's folder, and beside it a manifest without segments, push-ID.pending
  * (push_pending.c). When its connection or its daemon ends, the push is pending: an entry of its dataset in memory, which holds
- * the dataset, and a row in the catalogue. Each of its files stays until a push of the same user commits it, or for 7 days.
+ * the dataset, and a row in the catalogue. Each of its files stays until a push of the same user commits it or they are
+ * discarded, or for 7 days.
  *
  * A file that is in the dataset's manifest, too, was committed: the crash came before the list in push-ID.pending was shortened.
  */
@@ -127,25 +128,81 @@ uint64_t pending_bytes(int dirfd, uint64_t id, uint64_t points)
 	return !grid_stage_check(dirfd, stage, &last, &of_runs, &ignored) && of_runs > bytes ? of_runs : bytes;
 }
 
+/* A request to discard some: answered when the last of them is removed. */
+struct discards {
+	unsigned left;
+	struct datasets *datasets;
+	struct discarded sum;
+	struct err why; /* of the first that cannot be removed */
+	discard_answer_fn *answer;
+	void *token;
+};
+
 struct discard {
 	struct sched_task task;
 	int r;
+	struct err why;
 	struct dataset *dataset;
 	struct pending *pending;
+	struct discards *of; /* NULL: nobody waits for it */
 };
 
 static void discard_run(struct sched_task *t)
 {
 	struct discard *x = (struct discard *)t;
-	struct err err = ERR_INIT;
 
-	x->r = dataset_open(x->dataset, &err);
+	x->r = dataset_open(x->dataset, &x->why);
 	if (!x->r) {
-		x->r = pending_discard(x->dataset, x->pending->id, &err);
+		x->r = pending_discard(x->dataset, x->pending->id, &x->why);
 		dataset_close(x->dataset);
 	}
-	if (x->r)
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an interrupted push left cannot be removed", &err);
+	if (x->r && !x->of)
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an interrupted push left cannot be removed", &x->why);
+}
+
+static void log_dropped(const struct dataset *d, const struct pending *q, const char *why)
+{
+	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PENDING(q, d),
+		  "the interrupted push %llu of user %u into %s is dropped with its %u files: %s", (unsigned long long)q->id,
+		  q->uid, d->name, q->files, why);
+}
+
+static void discards_end(struct discards *all)
+{
+	if (--all->left)
+		return;
+	datasets_count(all->datasets);
+	all->answer(all->token, all->why.code ? &all->why : NULL, &all->sum);
+	free(all);
+}
+
+/* One that cannot be removed is pending as before. */
+static void keep(struct dataset *d, struct pending *q, const struct err *why, struct discards *of)
+{
+	insert(d, q);
+	if (!of->why.code)
+		of->why = *why;
+}
+
+static void discard_asked(struct discard *x)
+{
+	struct discards *of = x->of;
+	struct pending *q = x->pending;
+
+	if (!x->task.ran)
+		err_set(&x->why, ERR_CANCELLED, "acutd stops before all interrupted pushes are discarded");
+	if (x->why.code) {
+		keep(x->dataset, q, &x->why, of);
+	} else {
+		of->sum.pushes++;
+		of->sum.files += q->files;
+		of->sum.bytes += q->bytes;
+		log_dropped(x->dataset, q, "it was discarded");
+		dataset_drop_row(x->dataset, q->id);
+		pending_free(of->datasets, q);
+		dataset_release(x->dataset);
+	}
+	discards_end(of);
 }
 
 static void discard_done(struct sched_task *t)
@@ -154,12 +211,24 @@ static void discard_done(struct sched_task *t)
 	struct datasets *ds = x->dataset->datasets;
 
 	core_background_done(ds->core);
-	/* Otherwise the row stays, and the next start removes the files. */
-	if (t->ran && !x->r)
-		dataset_drop_row(x->dataset, x->pending->id);
-	pending_free(ds, x->pending);
-	dataset_release(x->dataset);
+	if (x->of) {
+		discard_asked(x);
+	} else {
+		/* Otherwise the row stays, and the next start removes the files. */
+		if (t->ran && !x->r)
+			dataset_drop_row(x->dataset, x->pending->id);
+		pending_free(ds, x->pending);
+		dataset_release(x->dataset);
+	}
 	free(x);
+}
+
+static void submit(struct discard *x, struct dataset *d, struct pending *q, uint32_t uid, enum sched_priority priority)
+{
+	x->task = (struct sched_task){.run = discard_run, .done = discard_done, .owner = {.uid = uid}, .priority = priority};
+	x->dataset = d;
+	x->pending = q;
+	core_background(d->datasets->core, &x->task);
 }
 
 /* If there is no memory for a task, the next start removes the files. */
@@ -167,18 +236,53 @@ void pending_drop(struct dataset *d, struct pending *q, const char *why)
 {
 	struct discard *x = calloc(1, sizeof *x);
 
-	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PENDING(q, d),
-		  "the interrupted push %llu of user %u into %s is dropped with its %u files: %s", (unsigned long long)q->id,
-		  q->uid, d->name, q->files, why);
+	log_dropped(d, q, why);
 	if (!x) {
 		pending_free(d->datasets, q);
 		dataset_release(d);
 		return;
 	}
-	x->task = (struct sched_task){.run = discard_run, .done = discard_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
-	x->dataset = d;
-	x->pending = q;
-	core_background(d->datasets->core, &x->task);
+	submit(x, d, q, d->uid, SCHED_LAST);
+}
+
+bool dataset_has_pending(const struct dataset *d, uint32_t uid)
+{
+	const struct pending *q = d->pending;
+
+	while (q && q->uid != uid)
+		q = q->next;
+	return q;
+}
+
+void dataset_discard(struct dataset *d, const struct peer *peer, bool all, discard_answer_fn *answer, void *token)
+{
+	struct discards *of = calloc(1, sizeof *of);
+	struct pending **at = &d->pending, *q;
+	struct err err = ERR_INIT;
+
+	THREAD_LOOP_ONLY();
+	if (!of) {
+		err_set(&err, ERR_NOMEM, "no memory for a request");
+		answer(token, &err, NULL);
+		return;
+	}
+	*of = (struct discards){.left = 1, .datasets = d->datasets, .why = ERR_INIT, .answer = answer, .token = token};
+	while ((q = *at)) {
+		bool meant = all || q->uid == peer->uid;
+		struct discard *x = meant ? calloc(1, sizeof *x) : NULL;
+
+		if (!x) {
+			at = &q->next;
+			if (meant)
+				err_set(&of->why, ERR_NOMEM, "no memory for a request");
+			continue;
+		}
+		*at = q->next;
+		x->of = of;
+		of->left++;
+		submit(x, d, q, peer->uid, SCHED_FIRST);
+	}
+	discards_end(of);
 }
 
 static unsigned newer_ones(const struct dataset *d, const struct pending *of)

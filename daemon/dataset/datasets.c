@@ -33,12 +33,12 @@ void datasets_count(struct datasets *ds)
 }
 
 /* Bytes on the disk of each user (struct core_usage). */
-static void used_bytes(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to)
+static void used_bytes(void *ctx, core_usage_fn *add, void *to)
 {
 	for (const struct dataset *d = ((struct datasets *)ctx)->first; d; d = d->next) {
-		add(to, d->uid, d->bytes);
+		add(to, d->uid, d->bytes, false);
 		for (const struct pending *q = d->pending; q; q = q->next)
-			add(to, q->uid, q->bytes);
+			add(to, q->uid, q->bytes, true);
 	}
 }
 

@@ -25,8 +25,10 @@ struct push_stream;
 int pushes_new(struct core *, struct admission *, struct datasets *, struct geoids *, struct pushes **ret, struct err *err);
 struct pushes *pushes_free(struct pushes *); /* no push is open. NULL is fine; returns NULL */
 unsigned pushes_open(const struct pushes *); /* number of open pushes */
-void pushes_settle(struct pushes *);         /* each round of the loop: those that wait try again */
-void pushes_tick(struct pushes *);           /* each timer tick */
+/* The numbers of those of a user, or of all users, into a dataset: the first `most` of them. Returns how many there are. */
+size_t pushes_into(const struct pushes *, const struct dataset *, uint32_t uid, bool all, uint64_t *ret_ids, size_t most);
+void pushes_settle(struct pushes *); /* each round of the loop: those that wait try again */
+void pushes_tick(struct pushes *);   /* each timer tick */
 /* For a stop that takes too long: removes temporary files at once, while workers still run. The process must exit next. */
 void pushes_abandon(struct pushes *);
 void pushes_held(const struct pushes *, void (*each)(void *ctx, const struct core_holder *), void *ctx);

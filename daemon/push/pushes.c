@@ -33,6 +33,19 @@ unsigned pushes_open(const struct pushes *pushes)
 	return n;
 }
 
+size_t pushes_into(const struct pushes *pushes, const struct dataset *d, uint32_t uid, bool all, uint64_t *ret_ids, size_t most)
+{
+	size_t n = 0;
+
+	for (const struct push *p = pushes->first; p; p = p->next)
+		if (p->dataset == d && (all || p->peer.uid == uid)) {
+			if (n < most)
+				ret_ids[n] = p->id;
+			n++;
+		}
+	return n;
+}
+
 void pushes_settle(struct pushes *pushes)
 {
 	struct push *p, *next;

@@ -65,6 +65,7 @@ static const struct {
 	ROW(REVERT, request_revert, false),
 	ROW(DATASET_CHANGE, request_dataset_change, false),
 	ROW(PRUNE, request_prune, false),
+	ROW(DISCARD, request_discard, false),
 	ROW(PLAN_REQUEST, request_plan, false),
 	ROW(GEOID_ADD, request_geoid_add, true),
 	ROW(GEOIDS_REQUEST, request_geoids, false),

@@ -14,7 +14,7 @@ enum { PAGE_MAX = 64 };
 struct message_dataset {
 	Acut__V1__Dataset dataset;
 	double min[2], max[2];
-	char pending[160], geoid[GRID_GEOID];
+	char pending[256], geoid[GRID_GEOID];
 	struct grid_lines sum;
 	Acut__V1__Lines lines;
 };
@@ -29,11 +29,12 @@ static void message_pending(const struct dataset_info *info, struct message_data
 	if (info->pending && gmtime_r(&until, &tm))
 		strftime(day, sizeof day, "%Y-%m-%dT%H:%M:%SZ", &tm);
 	if (info->pending)
-		snprintf(m->pending, sizeof m->pending,
-			 "%s%u interrupted push%s, the newest of user %u: %llu files, %llu points, %skept until %s",
-			 info->pushes ? "a push is open; " : "", info->pending, info->pending == 1 ? "" : "es", info->pending_uid,
-			 (unsigned long long)info->pending_files, (unsigned long long)info->pending_points,
-			 info->pending == 1 ? "" : "the oldest ", day);
+		snprintf(
+			m->pending, sizeof m->pending,
+			"%s%u interrupted push%s, the newest of user %u: %llu files, %llu points, %skept until %s if not discarded (acutctl dataset discard)",
+			info->pushes ? "a push is open; " : "", info->pending, info->pending == 1 ? "" : "es", info->pending_uid,
+			(unsigned long long)info->pending_files, (unsigned long long)info->pending_points,
+			info->pending == 1 ? "" : "the oldest ", day);
 	else if (info->pushes)
 		snprintf(m->pending, sizeof m->pending, "a push is open");
 	m->dataset.pending = m->pending;

@@ -195,7 +195,7 @@ static void check_limits(struct doctor *v, const struct conn *c, const struct he
 		add_check(v, "limits", OK, "", "no limits are set for users");
 	else if (l.near)
 		add_check(v, "limits", WARNING,
-			  "remove what nobody needs (acutctl rm, dataset rm, dataset prune), or ask an administrator for more",
+			  "remove what nobody needs (acutctl rm, dataset rm, prune, discard), or ask an administrator for more",
 			  "this user is near a limit: %s", l.text);
 	else
 		add_check(v, "limits", OK, "", "this user has %s", l.text);
@@ -208,7 +208,7 @@ static void check_folder(struct doctor *v, const char *name, const char *folder,
 {
 	static const char make_room[] =
 		"make room on the disk; acutctl cache stat shows what acut holds, cache gc --all frees what can be "
-		"made again, dataset rm and prune the rest";
+		"made again, dataset rm, prune and discard the rest";
 	char a[32], b[32];
 
 	parse_size_text(h->free, a);
@@ -323,10 +323,12 @@ static void check_pushes(struct doctor *v, const struct server *s, const struct 
 			"%u pushes read a file that gives nothing, push %llu since %.0f seconds%s%.300s", stalled,
 			(unsigned long long)stall.push, stall.seconds, shown ? ": " : "", shown ? stall.file : "");
 	else if (n->pending && n->pending_left < DAY)
-		add_check(v, "pushes", WARNING,
-			  "push the same files again: durable files are not read twice (acutctl datasets shows where)",
-			  "%llu interrupted pushes wait, the first is removed in %.0f hours", (unsigned long long)n->pending,
-			  n->pending_left < 0 ? 0 : n->pending_left / 3600);
+		add_check(
+			v, "pushes", WARNING,
+			"push the same files again: durable files are not read twice (acutctl datasets shows where); or discard "
+			"them (acutctl dataset discard)",
+			"%llu interrupted pushes wait, the first is removed in %.0f hours", (unsigned long long)n->pending,
+			n->pending_left < 0 ? 0 : n->pending_left / 3600);
 	else if (n->pending)
 		add_check(v, "pushes", OK, "", "%llu interrupted pushes wait to be pushed again, %llu pushes are open",
 			  (unsigned long long)n->pending, (unsigned long long)n->pushes);

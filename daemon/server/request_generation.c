@@ -385,3 +385,65 @@ void request_prune(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	if (prune)
 		q->prune = prune;
 }
+
+/* ---- pending pushes ---- */
+
+enum { OPEN_MOST = 64 };
+
+struct discard_request {
+	struct request *request;
+	uint64_t open[OPEN_MOST];
+	size_t nopen;
+};
+
+static void on_discarded(void *token, const struct err *why, const struct discarded *d)
+{
+	struct discard_request *ask = token;
+	Acut__V1__Discarded m = ACUT__V1__DISCARDED__INIT;
+
+	if (why) {
+		request_refuse(ask->request, why);
+	} else {
+		m.pushes = d->pushes;
+		m.files = d->files;
+		m.bytes = d->bytes;
+		m.open = ask->open;
+		m.n_open = ask->nopen;
+		request_answer(ask->request, FRAME_MESSAGE(DISCARDED, discarded, &m));
+	}
+	free(ask);
+}
+
+/* Who has one may discard it, also without any right by now. */
+static int find_to_discard(struct conn *c, const Acut__V1__Discard *in, struct dataset **ret, struct err *err)
+{
+	struct datasets *ds = c->server->service->datasets;
+
+	*ret = dataset_find(ds, in->dataset, &c->peer);
+	if (*ret && !in->all && dataset_has_pending(*ret, c->peer.uid))
+		return 0;
+	return dataset_access(ds, in->dataset, &c->peer, in->all ? RIGHT_OWN : RIGHT_READ, ret, err);
+}
+
+void request_discard(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const Acut__V1__Discard *in = m->discard;
+	struct discard_request *ask;
+	struct err err = ERR_INIT;
+	struct dataset *d;
+
+	if (find_to_discard(c, in, &d, &err)) {
+		request_refuse(q, &err);
+		return;
+	}
+	ask = malloc(sizeof *ask);
+	if (!ask) {
+		err_set(&err, ERR_NOMEM, "no memory for a request");
+		request_refuse(q, &err);
+		return;
+	}
+	ask->request = q;
+	ask->nopen = pushes_into(c->server->service->pushes, d, c->peer.uid, in->all, ask->open, OPEN_MOST);
+	ask->nopen = ask->nopen < OPEN_MOST ? ask->nopen : OPEN_MOST;
+	dataset_discard(d, &c->peer, in->all, on_discarded, ask);
+}

@@ -186,7 +186,7 @@ request_fn request_info, request_inspect;
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
 request_fn request_cache_stat, request_cache_verify, request_cache_gc, request_cache_adopt;
 request_fn request_datasets, request_dataset_create, request_dataset_change, request_plan;
-request_fn request_log, request_files, request_places, request_revert, request_prune;
+request_fn request_log, request_files, request_places, request_revert, request_prune, request_discard;
 Acut__V1__Lines *request_lines(const struct grid_lines *, Acut__V1__Lines *ret); /* returns ret */
 
 void push_ref_leave(struct push_ref *); /* request_push.c: the push ends with its connection */

@@ -203,28 +203,33 @@ struct space_shortage space_shortage_of(struct space *s, int side, uint64_t byte
 static int refuse_bytes(struct space *s, int side, uint64_t bytes, const char *what, const struct space_shortage *l,
 			struct err *err)
 {
+	static const char discard[] = ", or discard interrupted pushes (acutctl dataset discard)";
 	char need[32], left[32], limit[32], most[32], used[32];
 	const char *where = s->one_fs ? "" : side == SPACE_ON_STATE ? " of --state" : " of --cache";
 	struct space_limit disk, keep_free;
-	bool both;
+	bool both, pending;
 
 	lock_take(&s->lock);
 	disk = s->p.disk;
 	keep_free = s->p.keep_free;
 	both = is_quota_shared(s);
+	pending = s->counted[SPACE_PENDING];
 	lock_give(&s->lock);
 	parse_size_text(bytes, need);
 	if (l->by_quota && l->by_quota >= l->by_free) {
 		err_set(err, ERR_NOSPACE, "%s needs %s, %s are left of the quota%s: %s of %s are used (--disk %s)", what, need,
 			parse_size_text(subtract(l->quota, l->used), left), both ? "" : where, parse_size_text(l->used, used),
 			parse_size_text(l->quota, most), space_limit_text(&disk, limit));
-		err_add_hint(err, "give acutd a larger --disk, or remove datasets that nobody needs (acutctl dataset rm): "
-				  "they count until they cannot be restored any more (--keep-removed)");
+		err_add_hint(err,
+			     "give acutd a larger --disk%s, or remove datasets that nobody needs (acutctl dataset rm): "
+			     "they count until they cannot be restored any more (--keep-removed)",
+			     pending ? discard : "");
 	} else {
 		err_set(err, ERR_NOSPACE, "%s needs %s, %s are free on the file system%s, of which %s stay free (--keep-free %s)",
 			what, need, parse_size_text(l->free, left), where, parse_size_text(l->keep_free, most),
 			space_limit_text(&keep_free, limit));
-		err_add_hint(err, "make room on the disk, or remove datasets that nobody needs (acutctl dataset rm)");
+		err_add_hint(err, "make room on the disk%s, or remove datasets that nobody needs (acutctl dataset rm)",
+			     pending ? discard : "");
 	}
 	err->need = l->bytes;
 	return -ERR_NOSPACE;

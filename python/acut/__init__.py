@@ -44,7 +44,7 @@ from ._errors import (BusyError, CancelledError, ChangedError, CorruptError, Dig
                       UsageError, VersionError)
 from ._lines import Lines
 from ._mesh import Base, Block, Fetch, Head, Mesh, Region, Tail
-from ._results import (Adopted, CacheKind, CacheStat, Check, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
+from ._results import (Adopted, CacheKind, CacheStat, Check, Damage, Dataset, Discarded, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
                        LedgerEntry, LinePlace, LineSet, LogFile, Metric, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Setting,
                        Side, Status, Verified)
 from ._view import view_text
@@ -53,7 +53,7 @@ from ._volume import ComparedMesh, Volume, Volumes
 __all__ = [
     "connect", "Connection", "Lines", "view_text", "SYSTEM_SOCKET",
     "Fetch", "Block", "Mesh", "Head", "Tail", "Base", "Region",
-    "Pushed", "PushedFile", "LineSet", "LinePlace", "Job", "Report", "Progress", "Plan", "Dataset", "Generation", "LogFile", "Reverted", "Pruned",
+    "Pushed", "PushedFile", "LineSet", "LinePlace", "Job", "Report", "Progress", "Plan", "Dataset", "Generation", "LogFile", "Reverted", "Pruned", "Discarded",
     "Imported", "Info", "Inspected", "Geoid", "Status", "Setting", "Side", "Holder", "LedgerEntry", "CacheStat", "CacheKind",
     "Adopted", "Verified", "Damage", "Metric", "Check", "BackupFile", "Volumes", "Volume", "ComparedMesh",
     "Error", "InputError", "TruncatedError", "ChangedError", "LimitError", "CancelledError", "GoneError", "DigestError",

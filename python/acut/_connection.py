@@ -244,6 +244,11 @@ class Connection:
         return self._fill("dataset_prune", abi.acut_pruned, encoded(dataset), keep, before,
                           convert=functools.partial(take, results.Pruned))
 
+    def discard(self, dataset: str, *, all: bool = False) -> results.Discarded:
+        """Removes what interrupted pushes of this user left; with `all` that of all users, for owner and administrators."""
+        return self._fill("dataset_discard", abi.acut_discarded, encoded(dataset), int(all),
+                          convert=lambda d: take(results.Discarded, d, open=[d.open[i] for i in range(d.nopen)]))
+
     def push(self, dataset: str, inputs: Any, *, scale: Any = None, format: Optional[str] = None,
              columns: Optional[str] = None, decimal_comma: bool = False, assume_crs: Optional[str] = None, assume_units: Optional[str] = None,
              override_crs: Optional[str] = None, override_units: Optional[str] = None,

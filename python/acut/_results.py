@@ -252,6 +252,14 @@ class Pruned:
 
 
 @dataclass(frozen=True)
+class Discarded:
+    pushes: int
+    files: int
+    bytes: int
+    open: List[int]  # the numbers of pushes that are open and keep what they have
+
+
+@dataclass(frozen=True)
 class Imported:
     dataset: str
     generation: int

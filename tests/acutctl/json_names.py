@@ -201,6 +201,7 @@ def datasets(d, base, seen, text):
     seen.add("a reverted dataset", j("dataset", "revert", "valley", "2").ok().out)
     seen.add("a generation", j("dataset", "log", "valley").ok().out + j("dataset", "log", "valley", "--files").ok().out)
     seen.add("a pruned dataset", j("dataset", "prune", "valley", "--keep", "1").ok().out)
+    seen.add("discarded pushes", j("dataset", "discard", "valley", "--all").ok().out)
     seen.add("a copy", j("dataset", "export", "text", base + "/export").ok().out + j("backup", base + "/backup").ok().out)
     seen.add("an import", j("dataset", "import", base + "/export", "again").ok().out)
     seen.add("a dataset", j("dataset", "rm", "again").ok().out + j("datasets", "--removed").ok().out + j("dataset", "restore", "again").ok().out)

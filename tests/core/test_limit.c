@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -15,12 +16,12 @@ struct listed {
 	uint64_t dataset, pending;
 };
 
-static void each(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to)
+static void each(void *ctx, core_usage_fn *add, void *to)
 {
 	const struct listed *l = ctx;
 
-	add(to, ANNA, l->dataset);
-	add(to, BERT, l->pending);
+	add(to, ANNA, l->dataset, false);
+	add(to, BERT, l->pending, true);
 }
 
 static uint64_t has(struct core *core, uint32_t uid)
@@ -47,6 +48,13 @@ static void whose_disk(void **state)
 	limit_geoids(&core, grids, 3);
 	assert_int_equal(has(&core, ANNA), 5007);
 	assert_int_equal(has(&core, BERT), pending + 1500);
+	/* The refusal says what can be discarded, if there is anything. */
+	assert_int_equal(limit_disk_take(&core, ANNA, false, 100000, "it", &err), -ERR_LIMIT);
+	assert_null(strstr(err.hint, "dataset discard"));
+	err_clear(&err);
+	assert_int_equal(limit_disk_take(&core, BERT, false, 100000, "it", &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.hint, "interrupted pushes have 80 KB of it (acutctl dataset discard)"));
+	err_clear(&err);
 	/* Rows outlive a count by what it does not know. */
 	assert_int_equal(limit_disk_take(&core, BERT, false, 10, "it", &err), 0);
 	listed.pending = 0;

@@ -409,6 +409,37 @@ def others_push(base, d, gate):
     says(d.ctl("cache", "verify"), 0)
 
 
+def discarded():
+    """What is discarded is gone, also after a kill; what an open push has taken over is not."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        paths = tiles(base, 4)
+        says(d.ctl("dataset", "discard", "s"), 4, "there is no dataset")
+        d.ctl("push", "s", paths[3]).ok()
+        says(d.ctl("dataset", "discard", "s"), 0, "no interrupted push is pending")
+        Half(d, "s", paths[:2], 2).vanish()
+        Half(d, "s", paths[2:3], 1).vanish()
+        wait_for(lambda: "2 interrupted pushes" in (pending(d, "s") or ""), str(pending(d, "s")))
+        expect("acutctl dataset discard" in pending(d, "s"), pending(d, "s"))
+        half = Half(d, "s", paths[:2], 0, wait=False)
+        expect(half.known == [2, 2], str(half.known))
+        got = d.ctl("dataset", "discard", "s", "--json").ok().json()
+        expect(got.pop("bytes") >= 3000 * 16, "no bytes")
+        expect(got == {"dataset": "s", "pushes": 1, "files": 1, "open": [half.id]}, str(got))
+        says(d.ctl("dataset", "discard", "s"), 0, "no interrupted push is pending", "push %d is open and keeps what it has" % half.id)
+        half.vanish()
+        wait_for(lambda: "2 files" in (pending(d, "s") or ""), "what was taken over is gone: %s" % pending(d, "s"))
+        says(d.ctl("dataset", "discard", "s", "--all"), 0, "1 interrupted push discarded, 2 files")
+        d.stop(signal.SIGKILL)
+        d.start()
+        expect(pending(d, "s") is None and not leftovers(d), "it is back: %s %s" % (pending(d, "s"), leftovers(d)))
+        expect(states(d.ctl("push", "s", *paths, "--json").ok()) == ["staged"] * 3 + ["known"], "not read again")
+        # A dataset that has nothing else goes with it.
+        Half(d, "new", paths, 2).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "new").status == 0 and "2 files" in (pending(d, "new") or ""), "not pending")
+        says(d.ctl("dataset", "discard", "new"), 0, "1 interrupted push discarded")
+        says(d.ctl("dataset", "show", "new"), 4, "there is no dataset")
+
+
 def another_user():
     if os.getuid():
         print("     skipped: needs root, to be another user")
@@ -426,6 +457,9 @@ def another_user():
                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
         expect(p.returncode == 77 and b"belongs to the user" in p.stderr, "%d %s" % (p.returncode, p.stderr))
         expect("2 files" in pending(d, "s"), "another user took it: %s" % pending(d, "s"))
+        p = subprocess.run([acutctl, "dataset", "discard", "s", "--all"], env=dict(os.environ, ACUT_SOCKET=d.socket), user=other,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
+        expect(p.returncode == 77 and "2 files" in pending(d, "s"), "another user discards: %d %s" % (p.returncode, p.stderr))
         # Even who may push into it does not take up what another one staged.
         p = subprocess.run([acutctl, "push", "t"] + paths[:1], env=dict(os.environ, ACUT_SOCKET=d.socket), user=other,
                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
@@ -510,4 +544,4 @@ def two_at_once():
 
 if __name__ == "__main__":
     e2e.main(killed_daemon, killed_again_and_again, vanished_client, cut_off_in_a_file, interrupted_client, killed_in_the_commit, what_does_not_fit,
-             others_between, another_user, idle_push_gives_memory, two_at_once)
+             others_between, discarded, another_user, idle_push_gives_memory, two_at_once)

@@ -138,12 +138,13 @@ def owners():
         others = [w for w in WHO if w not in ALL | OWNER]
         for who in others:
             for args in (("dataset", "rm", "d"), ("dataset", "pin", "d"), ("dataset", "unpin", "d"), ("dataset", "chmod", "600", "d"),
-                         ("dataset", "chgrp", USERS, "d"), ("dataset", "chown", BERT, "d"), ("dataset", "prune", "d", "--keep", "1")):
+                         ("dataset", "chgrp", USERS, "d"), ("dataset", "chown", BERT, "d"), ("dataset", "prune", "d", "--keep", "1"),
+                         ("dataset", "discard", "d", "--all")):
                 status, _, err = box.ask(who, *args)
                 expect(status == 77, "%s: %s: %d %s" % (who, args, status, err))
         for who in ("anna", "an administrator", "root"):
             for args in (("dataset", "pin", "d"), ("dataset", "unpin", "d"), ("dataset", "chmod", "g-w,o=r", "d"), ("dataset", "rm", "d"),
-                         ("dataset", "restore", "d"), ("dataset", "prune", "d", "--keep", "1")):
+                         ("dataset", "restore", "d"), ("dataset", "prune", "d", "--keep", "1"), ("dataset", "discard", "d", "--all")):
                 box.good(who, *args)
             if who == "anna":
                 box.good(who, "dataset", "rm", "d")

@@ -2,8 +2,11 @@
  * Pending pushes and the pushes after them: what a push does not name stays, what it names is not read again, and each file is in
  * the dataset once.
  */
+#include <errno.h>
+
 #include "fixture.h"
 #include "dataset_priv.h"
+#include "io.h"
 #include "log.h"
 
 enum { FILES = 6, EACH = 400 };
@@ -389,6 +392,127 @@ static void test_two_users(void **state)
 	no_leftovers();
 }
 
+static struct discarded discarded;
+
+static void on_discarded(void *token, const struct err *why, const struct discarded *d)
+{
+	*(int *)token = why ? -(int)why->code : 1;
+	discarded = *d;
+}
+
+/* Expects that so many pushes with so many files are gone. */
+static void discard(const struct peer *who, bool all, unsigned pushes, unsigned files)
+{
+	struct dataset *d = dataset_find(h.service->datasets, "a", &me);
+	int answered = 0;
+
+	dataset_discard(d, who, all, on_discarded, &answered);
+	turn_until(answered);
+	assert_int_equal(answered, 1);
+	assert_int_equal(discarded.pushes, pushes);
+	assert_int_equal(discarded.files, files);
+	assert_int_equal(discarded.bytes > 0, pushes > 0);
+}
+
+static uint64_t counted(void)
+{
+	struct space_stat stat;
+
+	space_stat(h.service->core->space, &stat);
+	return stat.kind[SPACE_PENDING].bytes;
+}
+
+/* Those of one user, or of all; never what an open push has taken over. */
+static void test_discard(void **state)
+{
+	uint64_t dropped = log_event_count(LOG_EVENT_PUSH_DROPPED), ids[2], bytes;
+	struct dataset *d;
+	struct push *open;
+
+	for (unsigned way = 0; way < 2; way++) {
+		push_all("5");
+		discard(&me, true, 0, 0);
+		begin_of(&bert);
+		stage("01", '9');
+		leave();
+		bytes = counted();
+		interrupt("12");
+		interrupt("3");
+		expect(3, 5, 1);
+		begin_of(&me);
+		open = got.push;
+		assert_int_equal(probe(3), PUSH_ADOPTED);
+		expect(2, 4, 1);
+		d = dataset_find(h.service->datasets, "a", &me);
+		assert_int_equal(pushes_into(h.service->pushes, d, me.uid, false, ids, 2), 1);
+		assert_int_equal(pushes_into(h.service->pushes, d, bert.uid, false, ids, 2), 0);
+		assert_int_equal(pushes_into(h.service->pushes, d, bert.uid, true, ids, 2), 1);
+		discard(&me, way, 1 + way, 2 + 2 * way);
+		assert_int_equal(info().pending, !way);
+		discard(&me, way, 0, 0);
+		got.push = open;
+		leave();
+		expect(2 - way, 3 - 2 * way, 1);
+		if (way)
+			restart();
+		discard(&me, false, 1, 1);
+		assert_int_equal(counted(), way ? 0 : bytes);
+		expect(!way, way ? 0 : 2, 1);
+		restart();
+		expect(!way, way ? 0 : 2, 1);
+		push_all("123");
+		expect_known("123", PUSH_NEW);
+		if (!way) {
+			/* The other one's is whole. */
+			begin_of(&bert);
+			stage("01", '9');
+			expect_known("0", PUSH_ADOPTED);
+			commit();
+		}
+		expect(0, 0, 5 - way);
+		no_leftovers();
+		teardown(state);
+		setup(state);
+	}
+	assert_int_equal(log_event_count(LOG_EVENT_PUSH_DROPPED), dropped + 5);
+}
+
+static int no_unlink(int dirfd, const char *path, int flags)
+{
+	if (strstr(path, "push-")) {
+		errno = EIO;
+		return -1;
+	}
+	return unlinkat(dirfd, path, flags);
+}
+
+/* What cannot be removed is pending as before, and nothing is said to be discarded. */
+static void test_discard_fails(void **state)
+{
+	uint64_t dropped = log_event_count(LOG_EVENT_PUSH_DROPPED), bytes;
+	struct io_table table = io_system;
+	int answered = 0;
+
+	interrupt("01");
+	interrupt("2");
+	bytes = counted();
+	table.unlinkat = no_unlink;
+	io = &table;
+	dataset_discard(dataset_find(h.service->datasets, "a", &me), &me, false, on_discarded, &answered);
+	expect(0, 0, 0);
+	turn_until(answered);
+	io = &io_system;
+	assert_int_equal(answered, -ERR_IO);
+	expect(2, 3, 0);
+	assert_int_equal(counted(), bytes);
+	assert_int_equal(log_event_count(LOG_EVENT_PUSH_DROPPED), dropped);
+	push_all("01");
+	expect_known("01", PUSH_ADOPTED);
+	discard(&me, false, 1, 1);
+	expect(0, 0, 2);
+	no_leftovers();
+}
+
 /* The oldest of more than a user may have is dropped; another user has as many. */
 static void test_most(void **state)
 {
@@ -477,6 +601,8 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_each_its_own, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_superseded, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_two_users, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_discard, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_discard_fails, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_most, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_bytes, open_files, close_files),

@@ -411,6 +411,8 @@ def inputs():
         synth(more, 6000, 10)
         expect(c.push("s", more, replace=True).files[0].replaced == 1 and c.dataset("s").points == before.points + 1000, "replace")
         expect(c.revert("s").undone == before.generation + 1 and c.dataset("s").points == before.points, "revert")
+        expect(c.discard("s") == acut.Discarded(0, 0, 0, []) == c.discard("s", all=True), "discard without pending pushes")
+        raises(acut.NotFoundError, c.discard, "none")
         expect(c.info(more).points == 6000 and c.inspect(more).points == 6000, "info")
         ridge = os.path.join(base, "ridge.txt")
         with open(ridge, "w") as f:

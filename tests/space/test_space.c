@@ -140,6 +140,7 @@ static void quota_is_refused_with_numbers(void **state)
 	assert_non_null(strstr(err.message, "the push needs 100"));
 	assert_non_null(strstr(err.message, "24"));
 	assert_non_null(strstr(err.message, "--disk 1"));
+	assert_null(strstr(err.hint, "dataset discard"));
 	assert_false(space_would_fit(s, SPACE_PENDING, 100 * KIB, &lacks));
 	assert_int_equal(lacks, 76 * KIB);
 	/* Temporary files count on the disk of state and cache together. */
@@ -150,6 +151,12 @@ static void quota_is_refused_with_numbers(void **state)
 	/* What a lying header claims does not come round. */
 	assert_int_equal(space_take(s, SPACE_PENDING, UINT64_MAX, SPACE_MUST, "the push", &err), -ERR_NOSPACE);
 	assert_int_equal(bytes_of(SPACE_PENDING), 0);
+	/* Interrupted pushes can be discarded. */
+	assert_null(strstr(err.hint, "dataset discard"));
+	err = ERR_INIT;
+	space_set_counted(s, SPACE_PENDING, 100 * KIB);
+	assert_int_equal(space_take(s, SPACE_PENDING, 400 * KIB, SPACE_MUST, "the push", &err), -ERR_NOSPACE);
+	assert_non_null(strstr(err.hint, "acutctl dataset discard"));
 }
 
 static void keep_free_counts_what_is_promised(void **state)
