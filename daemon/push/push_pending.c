@@ -290,11 +290,13 @@ static int read_offer(struct push *p, struct push_offer *o, struct err *err)
 			return r;
 		}
 		/* One that cannot be read now, or not by this version, stays. */
-		if (r == -ERR_CORRUPT || r == -ERR_TRUNCATED || why.sys == ENOENT)
+		if (r == -ERR_CORRUPT || r == -ERR_TRUNCATED || why.sys == ENOENT) {
 			o->useless = "its files are damaged";
-		else
+		} else {
+			snprintf(o->unread, sizeof o->unread, "%.159s", why.message);
 			log_event_err(LOG_EVENT_UNREADABLE, ABOUT_PUSH(p),
 				      "files of an interrupted push cannot be read: they stay", &why);
+		}
 		return 0;
 	}
 	o->manifest = m;
@@ -345,6 +347,12 @@ static void drop_useless(struct push *p, struct push_offer *o)
 	pending_drop(p->dataset, q, o->useless);
 }
 
+/* The note of one offer, of several the last one's. */
+static void note_unread(struct push *p, const struct push_offer *o)
+{
+	snprintf(p->note, sizeof p->note, "%u files of an interrupted push cannot be read and stay: %s", o->files, o->unread);
+}
+
 /* Loop, after push_offers_read. */
 void push_offers_settle(struct push *p)
 {
@@ -356,6 +364,8 @@ void push_offers_settle(struct push *p)
 
 		if (o->own && o->useless)
 			drop_useless(p, o);
+		else if (o->own && *o->unread)
+			note_unread(p, o);
 		else if (o->own && o->manifest && *o->reading)
 			same += o->files;
 		else if (o->own && o->manifest)

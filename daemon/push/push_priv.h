@@ -147,7 +147,8 @@ struct push_offer {
 	uint32_t last;                   /* largest number of a source in its stage */
 	char reading[PUSH_READING_SIZE]; /* how its files were read; "": with other options than this push */
 	const char *useless;             /* why nobody can continue it; NULL: somebody can */
-	bool *gone;                      /* by source: not pending any more after the commit of this push */
+	char unread[160]; /* why it cannot be read, now or by this version: it stays; "": it was read, or is useless */
+	bool *gone;       /* by source: not pending any more after the commit of this push */
 };
 
 struct push {

@@ -141,7 +141,7 @@ def taken_up():
             p.stream(first)
         with Client(d.socket) as c:
             p = Push(c, "s")
-            expect("taken up" in p.begun.note, p.begun.note)
+            expect("taken over" in p.begun.note, p.begun.note)
             expect(p.stream(first, known=True).known == 2, "not taken up")
             p.stream(second, "b", b"other")
             expect(p.commit().points == 40000, "points")
