@@ -44,7 +44,7 @@
 #include "err.h"
 #include "finish.h"
 
-enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64, WEIGHT_TABLES = 8, GUESS_MORE = 1 << 15 };
+enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64, WEIGHT_TABLES = 8 };
 
 /* ---- memory ---- */
 
@@ -70,8 +70,18 @@ size_t window_area_tables(uint32_t cap)
 	       align_line(disc_room(cap) * sizeof(struct window_disc));
 }
 
+struct window_limits window_limits_of(struct window_limits l)
+{
+	l.round = l.round ? l.round : WINDOW_PICK;
+	l.guess = l.guess ? l.guess : 1 << 15;
+	l.inner = l.inner ? l.inner : 1 << 15;
+	l.spacings = l.spacings > 0 ? l.spacings : 8;
+	l.squares = l.squares ? l.squares : 16;
+	return l;
+}
+
 struct window_area *window_area_init(const struct cut_source *src, const struct view *view, const struct cut_region *region,
-				     uint32_t round, struct tri *tri, uint32_t cap, void *tables)
+				     struct window_limits limits, struct tri *tri, uint32_t cap, void *tables)
 {
 	struct window_area *a = tables;
 	uint8_t *at = (uint8_t *)tables + align_line(sizeof(*a));
@@ -82,7 +92,7 @@ struct window_area *window_area_init(const struct cut_source *src, const struct 
 	a->view = view;
 	a->region = region;
 	a->cap = a->most = cap;
-	a->round = round && round < WINDOW_PICK ? round : WINDOW_PICK;
+	a->limits = window_limits_of(limits);
 	a->tri = tri;
 	a->highest = view_prefers(view, &(struct point){.z = 1}, &(struct point){.z = 0});
 	/* The points, and as much memory again to sort them, fit between the kernel's input and the end of the arena: 12 of
@@ -120,7 +130,7 @@ static int read_first(struct window_area *a, bool *ret_flat, struct err *err)
 			*ret_flat = !r && !window_area_build(a);
 			return r;
 		}
-		r = window_area_pick_nearest(a, n < a->round ? n : a->round, err);
+		r = window_area_pick_nearest(a, n < a->limits.round ? n : a->limits.round, err);
 		if (!r && a->npick == 0) {
 			*ret_flat = true;
 			return 0;
@@ -290,15 +300,17 @@ static int guess_cap(const struct window_from *from, uint32_t *ret, struct err *
 {
 	struct window_piece window;
 	int32_t data[4];
-	uint64_t n = 0;
+	uint64_t n = 0, more = window_limits_of(from->limits).guess;
 	int r = 0;
 
 	*ret = from->cap;
 	if (from->lines || !from->src->box(from->src->ctx, data) || !window_piece_init(&window, from->view, data, from->region))
 		return 0;
 	r = window_positions(from->src, &window, &n, err);
-	n += clips(from) ? GUESS_MORE : n + 3 * GUESS_MORE;
-	*ret = n < from->cap ? (uint32_t)n : from->cap;
+	/* What a piece without cells depends on is not known, and little less memory gains little. */
+	more += clips(from) ? n : 2 * n + 2 * more;
+	if (n && more < from->cap / 2)
+		*ret = (uint32_t)more;
 	return r;
 }
 
@@ -306,7 +318,7 @@ static int domain_within(const struct window_from *from, uint32_t cap, const int
 			 uint64_t *ret_need, struct err *err)
 {
 	const size_t room = cap < from->cap ? tri_bytes(cap) : from->room;
-	struct window_area *a = window_area_init(from->src, from->view, from->region, from->round, tri_init(from->memory, cap),
+	struct window_area *a = window_area_init(from->src, from->view, from->region, from->limits, tri_init(from->memory, cap),
 						 cap, (uint8_t *)from->memory + align_line(room));
 	bool flat;
 	int r;

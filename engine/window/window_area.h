@@ -40,13 +40,22 @@ struct window_pick {
 	struct grid_cell cell;
 };
 
+/* Tests choose small ones, so that a few points reach them. 0: the engine's own. */
+struct window_limits {
+	uint32_t round;  /* most cells in a round, at most WINDOW_PICK */
+	uint32_t guess;  /* the first try has room for so many positions more than the cells of the piece have */
+	uint32_t inner;  /* in the inner box are at most so many more than twice these */
+	double spacings; /* the inner box reaches so many spacings of points around the piece */
+	int64_t squares; /* of the raster on each axis, at least; at most WINDOW_RASTER */
+};
+
 struct window_area {
 	/* the query */
 	struct cut_source src;
 	const struct view *view;
 	const struct cut_region *region;
-	uint32_t cap;   /* positions of the arena */
-	uint32_t round; /* cells of a round, at most WINDOW_PICK */
+	struct window_limits limits;
+	uint32_t cap; /* positions of the arena */
 	struct tri *tri;
 	bool highest; /* the view prefers the higher of two heights at a position */
 	bool guessed; /* there is more room than `cap` */
@@ -81,10 +90,11 @@ struct window_area {
 };
 
 size_t window_area_tables(uint32_t cap);
-/* A query of the region's piece in `tables`, of window_area_tables(cap) bytes. `tri`: after tri_init with `cap`. `round`: most
- * cells in a round, for tests; 0: WINDOW_PICK. */
-struct window_area *window_area_init(const struct cut_source *, const struct view *, const struct cut_region *, uint32_t round,
-				     struct tri *, uint32_t cap, void *tables);
+/* The engine's own in place of each 0. */
+struct window_limits window_limits_of(struct window_limits);
+/* A query of the region's piece in `tables`, of window_area_tables(cap) bytes. `tri`: after tri_init with `cap`. */
+struct window_area *window_area_init(const struct cut_source *, const struct view *, const struct cut_region *,
+				     struct window_limits, struct tri *, uint32_t cap, void *tables);
 /* Triangulates the piece. *ret_flat: it has no triangle. WINDOW_E_SPLIT as of window_domain. */
 int window_area_run(struct window_area *, bool *ret_flat, uint64_t *ret_need, struct err *err);
 
@@ -98,7 +108,8 @@ struct window_from {
 	const struct cut_region *region;
 	const struct lattice *lattice; /* for the text of an error; may be NULL */
 	struct window_weights weights;
-	uint32_t round, cap;
+	struct window_limits limits;
+	uint32_t cap;
 	void *memory;
 	size_t room;
 };

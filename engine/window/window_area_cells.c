@@ -17,10 +17,6 @@
  * read anyway. Without them a side of the piece that lies between cells, as one between two pieces does, is a side of the hull,
  * whose thin triangles have circles that meet cells far away. */
 #define AROUND 3.0
-/* Of a rectangle the points within so many spacings are taken from the cells, instead of whole cells. */
-#define INNER 8.0
-/* They are at most so many more than twice the positions of the cells that meet the piece. */
-enum { INNER_MORE = 1 << 15 };
 
 /* ---- the table ---- */
 
@@ -167,8 +163,8 @@ int window_area_begin(struct window_area *a, struct err *err)
 	r = a->src.walk(a->src.ctx, 0, UINT64_MAX, &measure, err);
 	a->spacing = b.records ? sqrt(b.ground / (double)b.records) : 0;
 	for (unsigned k = 0; k < 4; k++)
-		a->inner[k] = a->window.box[k] / 2 + (k < 2 ? -1 : 1) * (int64_t)ceil(INNER * a->spacing);
-	many = 2 * a->waiting + INNER_MORE;
+		a->inner[k] = a->window.box[k] / 2 + (k < 2 ? -1 : 1) * (int64_t)ceil(a->limits.spacings * a->spacing);
+	many = 2 * a->waiting + a->limits.inner;
 	a->most = a->clips && many < a->cap ? (uint32_t)many : a->cap;
 	r = r ? r : read_begin(&b);
 	a->most = a->cap;

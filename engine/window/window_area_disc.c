@@ -19,8 +19,6 @@
 #include "geom.h"
 #include "window_area.h"
 
-enum { SQUARES_LEAST = 16 };
-
 /* ---- the raster ---- */
 
 static int64_t larger(int64_t a, int64_t b)
@@ -38,7 +36,7 @@ static void set_zone(struct window_area *a)
 {
 	const int64_t *b = a->window.box;
 	int64_t size = larger(b[2] - b[0], b[3] - b[1]) / 16 + 64;
-	int64_t squares = smaller(SQUARES_LEAST + tri_count(a->tri) / 8, WINDOW_RASTER); /* on each axis */
+	int64_t squares = smaller(a->limits.squares + tri_count(a->tri) / 8, WINDOW_RASTER); /* on each axis */
 
 	a->shift = 0;
 	for (unsigned k = 0; k < 2; k++) {
@@ -400,7 +398,7 @@ static int batch_cell(void *ctx, const struct grid_cell *cell)
 		if ((!a->thorough && far >= d->best) || !disc_meets(d, cell->box))
 			continue;
 		if (a->thorough) {
-			window_area_pick(a, a->round, far, cell);
+			window_area_pick(a, a->limits.round, far, cell);
 		} else {
 			d->best = far;
 			d->cell = *cell;
@@ -425,7 +423,7 @@ static int test_batch(struct window_area *a, struct err *err)
 
 	for (uint32_t i = 0; i < a->ndisc && !r; i++)
 		if (a->disc[i].best < INFINITY)
-			window_area_pick(a, a->round, a->disc[i].best, &a->disc[i].cell);
+			window_area_pick(a, a->limits.round, a->disc[i].best, &a->disc[i].cell);
 	a->ndisc = 0;
 	return r ? r : a->npick > 0 ? WINDOW_AGAIN : 0;
 }

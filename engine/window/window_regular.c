@@ -169,7 +169,7 @@ int window_regular(const struct window_from *from, const int64_t k[3], struct me
 	int r;
 
 	plain.nweight = 0;
-	a = window_area_init(from->src, &plain, from->region, from->round, tri, from->cap, end + (-(uintptr_t)end & 63));
+	a = window_area_init(from->src, &plain, from->region, from->limits, tri, from->cap, end + (-(uintptr_t)end & 63));
 	c.weight = align_carve(&at, align_line(from->cap));
 	c.memory = at;
 	c.size = (size_t)(end - at);

@@ -279,10 +279,23 @@ static int find(void *ctx, const int32_t box[4], lineset_piece_fn fn, void *sink
 
 static const struct constrain_lines lines = {.find = find};
 
+/* So small that a second try, a second reading, the inner box and single units decide. */
+static struct window_limits draw_limits(uint64_t *seed)
+{
+	struct window_limits l = {.round = sets_below(seed, 2) ? 1 + sets_below(seed, 4) : 0};
+
+	if (sets_below(seed, 4) == 0)
+		return l;
+	l.guess = sets_below(seed, 2) ? 1 + sets_below(seed, 16) : 0;
+	l.inner = sets_below(seed, 2) ? 1 + sets_below(seed, 16) : 0;
+	l.spacings = sets_below(seed, 4) ? (1 + sets_below(seed, 16)) / 16.0 : 0;
+	l.squares = sets_below(seed, 2) ? WINDOW_RASTER : 0;
+	return l;
+}
+
 /* A piece. If it does not fit, it is halved, or gets a larger arena if halving does not help. */
 static void piece(uint64_t *seed, const struct cut_source *src, const struct cut_region *region, unsigned depth, uint32_t cap)
 {
-	uint32_t round = sets_below(seed, 2) ? 1 + sets_below(seed, 4) : 0;
 	struct err err = ERR_INIT;
 	struct mesh_domain d;
 	struct cut_region half[2];
@@ -291,7 +304,7 @@ static void piece(uint64_t *seed, const struct cut_source *src, const struct cut
 					 .lines = npiece ? &lines : NULL,
 					 .view = &view,
 					 .region = region,
-					 .round = round,
+					 .limits = draw_limits(seed),
 					 .weights = {.most = most},
 					 .cap = cap,
 					 .memory = memory,
@@ -308,6 +321,7 @@ static void piece(uint64_t *seed, const struct cut_source *src, const struct cut
 	assert_true(need > cap || cap > 16);
 	halvings++;
 	if (depth == 4 || !cut_region_split(region, half)) {
+		assert_true(2 * cap <= CAP_MOST);
 		piece(seed, src, region, depth, 2 * cap);
 		return;
 	}
@@ -603,6 +617,62 @@ static void widening_matters(void **state)
 	assert_true(wrong > 20);
 }
 
+/* A window in a few positions, close together or not, with an inner box so small that the points just outside decide. */
+static bool close_case(uint64_t seed)
+{
+	const unsigned range = sets_below(&seed, 2) ? 3 + sets_below(&seed, 4) : 40 + sets_below(&seed, 200);
+	const struct window_limits limits = {.inner = 1 + sets_below(&seed, 8),
+					     .spacings = 0.01 + sets_below(&seed, 100) / (sets_below(&seed, 8) ? 100.0 : 10.0),
+					     .squares = sets_below(&seed, 2) ? WINDOW_RASTER : 0};
+	const struct cut_region plane = window_piece_plane();
+	struct window_from from = {.src = NULL, .view = &view, .region = &plane, .limits = limits, .cap = 256, .memory = memory};
+	struct err err = ERR_INIT;
+	struct cut_source src;
+	struct mesh_domain d;
+	struct tiling t;
+	unsigned m, n = 0;
+	uint64_t need;
+
+	view = VIEW_INIT;
+	memset(&set, 0, sizeof(set));
+	set.segments = 1;
+	set.nrecord[0] = 6 + sets_below(&seed, 25);
+	for (size_t i = 0; i < set.nrecord[0]; i++)
+		set.record[0][i] = (struct point){
+			.x = (int32_t)sets_below(&seed, range), .y = (int32_t)sets_below(&seed, range), .ret = 0x11};
+	qsort(set.record[0], set.nrecord[0], sizeof(set.record[0][0]), by_place);
+	sets_reduce(&set, &view);
+	sets_tiling(&seed, &set, &t);
+	tiling_source(&t, &src);
+	from.src = &src;
+	from.room = tri_bytes(from.cap);
+	view.window = VIEW_CROP_BOX;
+	for (unsigned k = 0; k < 2; k++) {
+		view.window_box[k] = sets_below(&seed, range);
+		view.window_box[2 + k] = view.window_box[k] + sets_below(&seed, sets_below(&seed, 2) ? range : range / 4 + 1);
+	}
+	m = brute_triangles(set.pos, set.n, whole);
+	for (unsigned i = 0; i < m; i++) {
+		normalize(whole[i]);
+		if (meets(whole[i]))
+			memcpy(want[n++], whole[i], sizeof(whole[i]));
+	}
+	qsort(want, n, sizeof(want[0]), triangle_compare);
+	ngot = 0;
+	assert_int_equal(window_domain_from(&from, view.k, &d, &need, &err), 0);
+	take_block(&d);
+	qsort(got, ngot, sizeof(got[0]), triangle_compare);
+	return ngot == n && (!n || !memcmp(got, want, n * sizeof(want[0])));
+}
+
+static void close_points(void **state)
+{
+	(void)state;
+	for (uint64_t i = 1; i <= 20000; i++)
+		if (!close_case(i * UINT64_C(0x2545f4914f6cdd1d)))
+			fail_msg("case %llu: not what meets the window", (unsigned long long)i);
+}
+
 static int by_key(const void *a, const void *b)
 {
 	return point_compare(a, b);
@@ -660,8 +730,8 @@ static int tear_down(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz), cmocka_unit_test(widening_matters),
-					   cmocka_unit_test(too_many_matter)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(close_points), cmocka_unit_test(fuzz),
+					   cmocka_unit_test(widening_matters), cmocka_unit_test(too_many_matter)};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);
 }
