@@ -11,6 +11,7 @@
 #include "gather.h"
 #include "mesh_phase.h"
 #include "parse.h"
+#include "pipe.h"
 
 /* Of the points that sizes of files let expect there are so many at least. */
 static const double LEAST_OF_POINTS = 0.6;
@@ -237,6 +238,7 @@ static int resolve(struct program *p, bool stage, struct resolved *ret, struct e
 static int make(const struct program *p, const struct resolved *r, struct err *err)
 {
 	struct work_about about = {.memory = r->own.opt.task_memory ? r->own.opt.task_memory : UINT64_C(1) << 30,
+				   .kernel = PIPE_KERNEL,
 				   .word = (const char *const *)r->word,
 				   .nword = r->nword};
 	struct work *w = NULL;

@@ -168,7 +168,9 @@ int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t 
 	if (index >= about->tasks[phase])
 		return err_set(err, ERR_USAGE, "there is no task %s %u: the run has %u of this phase", work_phase_text(phase),
 			       index, about->tasks[phase]);
-	r = cluster_words_parse(about->word, about->nword, &t.own, err);
+	r = gather_check_run(w, err);
+	if (!r)
+		r = cluster_words_parse(about->word, about->nword, &t.own, err);
 	if (!r && t.own.opt.directory && chdir(t.own.opt.directory)) {
 		err_sys(err, errno, "this node cannot enter the folder of the command");
 		r = err_add_file(err, t.own.opt.directory);

@@ -79,9 +79,9 @@ int gather_check_run(const struct work *w, struct err *err)
 {
 	const struct work_about *about = work_about(w);
 
-	if (!about->tasks[WORK_GATHER] || about->tasks[WORK_SUM])
+	if (!about->tasks[WORK_GATHER] || (about->tasks[WORK_SUM] && about->kernel && !strcmp(about->kernel, PIPE_KERNEL)))
 		return 0;
-	err_set(err, ERR_VERSION, "an older version of acut began the run");
+	err_set(err, ERR_VERSION, "another version of acut began the run");
 	err_add_hint(err, "end it with that version, or begin a new run");
 	return err_add_file(err, work_folder(w));
 }
@@ -321,10 +321,7 @@ static int make(void *ctx, struct work_attempt *attempt, uint32_t index, struct 
 int gather_task(const struct gather_params *p, uint32_t index, struct err *err)
 {
 	struct task t = {.p = p, .index = index};
-	int r = gather_check_run(p->work, err);
-
-	if (!r)
-		r = work_run(p->work, WORK_GATHER, index, make, &t, err);
+	int r = work_run(p->work, WORK_GATHER, index, make, &t, err);
 
 	if (r == WORK_E_LOST && t.published)
 		outputs_part_drop(t.run);

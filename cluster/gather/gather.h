@@ -31,7 +31,8 @@ int gather_check(const struct ctl_fetch_options *, uint64_t claimed_points, stru
 /* Whether more than one task of gather can have something to do; if not, one is enough. */
 bool gather_divides(const struct ctl_fetch_options *);
 
-/* -ERR_VERSION: the run has no phase sum, since an older version began it. */
+/* Before any task of a run, and before one is submitted. -ERR_VERSION: another version of acut began the run, which has no phase
+ * sum, or may have another order of vertices and triangles. Runs without a mesh are of any version. */
 int gather_check_run(const struct work *, struct err *err);
 
 /* The one task of the phase sum, task `index` of the phase gather, and the one of the phase finish; each publishes its record. */

@@ -391,10 +391,7 @@ static int make(void *ctx, struct work_attempt *attempt, uint32_t index, struct 
 int gather_finish(const struct gather_params *p, struct err *err)
 {
 	struct finish f = {.p = p};
-	int r = gather_check_run(p->work, err);
-
-	if (!r)
-		r = work_run(p->work, WORK_FINISH, 0, make, &f, err);
+	int r = work_run(p->work, WORK_FINISH, 0, make, &f, err);
 
 	f.run = outputs_free(f.run);
 	if (!r || r == WORK_E_LOST)

@@ -390,9 +390,7 @@ static int make(void *ctx, struct work_attempt *attempt, uint32_t index, struct 
 
 int gather_sum(const struct gather_params *p, struct err *err)
 {
-	int r = gather_check_run(p->work, err);
+	int r = work_run(p->work, WORK_SUM, 0, make, (void *)p, err);
 
-	if (!r)
-		r = work_run(p->work, WORK_SUM, 0, make, (void *)p, err);
 	return r > 0 ? 0 : r;
 }

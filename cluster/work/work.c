@@ -182,6 +182,8 @@ static int write_about(const struct work *w, const struct work_about *a, struct 
 		snprintf(text, sizeof text, "%" PRIu32 " %s", a->tasks[i], phase_text[i]);
 		work_out_line(&o, "tasks", text);
 	}
+	if (a->kernel)
+		work_out_line(&o, "kernel", a->kernel);
 	for (size_t i = 0; i < a->nword; i++)
 		work_out_line(&o, "word", a->word[i]);
 	r = work_out_end(&o, err);
@@ -365,6 +367,8 @@ static bool parse_about(struct work_in *in, struct work_about *a, const char **w
 			if (!work_in_u64(&rest, &n) || n > UINT32_MAX || !work_phase_parse(rest, &phase))
 				return false;
 			a->tasks[phase] = (uint32_t)n;
+		} else if (!strcmp(key, "kernel")) {
+			a->kernel = rest;
 		} else if (!strcmp(key, "word") && a->nword < room) {
 			word[a->nword++] = rest;
 		}

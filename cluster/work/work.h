@@ -40,6 +40,7 @@ struct work_about {
 	uint64_t id;                 /* random, not 0; names the run's jobs */
 	uint64_t memory;             /* bytes of a task */
 	uint32_t tasks[WORK_PHASES]; /* how many; 0: the run has no such phase */
+	const char *kernel;          /* the version of what makes the mesh; NULL: none is said */
 	const char *const *word;     /* the words of the command, with all settings resolved */
 	size_t nword;
 };

@@ -29,9 +29,6 @@
 #include "pipe_priv.h"
 #include "store_pack.h"
 
-/* Change it when the same points give other blocks: stored domains of the old kernel are then not found. */
-static const char KERNEL[] = "kernel 3";
-
 enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PART = 24, PROOF_LINES = 72 };
 #define PROOF_MOST                                                                                          \
 	(PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE + \
@@ -64,7 +61,7 @@ static struct digest key_of(const struct digest parts[3], const struct cut_regio
 
 	cut_region_text(region, text);
 	XXH3_128bits_reset(&state);
-	XXH3_128bits_update(&state, KERNEL, sizeof KERNEL);
+	XXH3_128bits_update(&state, PIPE_KERNEL, sizeof PIPE_KERNEL);
 	XXH3_128bits_update(&state, parts, 3 * sizeof *parts);
 	XXH3_128bits_update(&state, text, strlen(text));
 	key = XXH3_128bits_digest(&state);

@@ -13,7 +13,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import e2e
 from checks import asked, check, end
 
-CLUSTER, TASK, ACUTD, ACUTCTL, SYNTH = (os.environ[n] for n in ("ACUT_CLUSTER", "ACUT_TASK_PROGRAM", "ACUTD", "ACUTCTL", "ACUT_SYNTH"))
+CLUSTER, TASK, PHASES, ACUTD, ACUTCTL, SYNTH = (os.environ[n] for n in ("ACUT_CLUSTER", "ACUT_TASK_PROGRAM", "PHASES", "ACUTD", "ACUTCTL", "ACUT_SYNTH"))
 
 
 def run(*args, env=None, status=0, cwd=None, timeout=300):
@@ -297,6 +297,58 @@ def lost_results(base):
             check("the same output", f.read() == before)
 
 
+def changed(work, change):
+    """With other lines in acut-work."""
+    with open(work + "/acut-work") as f:
+        body = "".join(change([line for line in f if not line.startswith("check ")]))
+    check_sum = subprocess.run([PHASES, "check-sum"], input=body, capture_output=True, text=True, check=True).stdout
+    with open(work + "/acut-work", "w") as f:
+        f.write(body + "check %s\n" % check_sum)
+
+
+def contents(folder):
+    found = {}
+    for top, folders, names in os.walk(folder):
+        for name in folders + names:
+            path = os.path.join(top, name)
+            if os.path.isfile(path):
+                with open(path, "rb") as f:
+                    found[path] = f.read()
+            else:
+                found[path] = None
+    return found
+
+
+def other_versions(base):
+    """A run that another version began is neither resumed nor are its tasks run, and nothing of it is changed: its packs may have
+    another order of vertices and triangles. It can be looked at and removed; one without a mesh goes on."""
+    survey, work = tiles(base + "/tiles", 2000), base + "/w"
+    run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--no-config", "--task-points", "4k")
+    with open(work + "/acut-work") as f:
+        text = f.readlines()
+    check("the kernel is named", sum(line.startswith("kernel ") for line in text) == 1, "".join(text))
+    # A pack is lost, and finish has not been.
+    os.unlink([os.path.join(work, "mesh", n) for n in os.listdir(work + "/mesh") if n.startswith("pack-")][0])
+    os.unlink(work + "/done/finish-0")
+    for what, change in (("another kernel", lambda lines: ["kernel kernel 0\n" if x.startswith("kernel ") else x for x in lines]),
+                         ("no kernel", lambda lines: [x for x in lines if not x.startswith("kernel ")]),
+                         ("no sums", lambda lines: [x for x in lines if not (x.startswith("tasks ") and x.endswith(" sum\n"))])):
+        changed(work, lambda lines: change(text[:-1]))
+        before = contents(base)
+        phases = [x["phase"] for x in show(work)["phases"]]
+        check("all phases", "mesh" in phases and "finish" in phases, str(phases))
+        for args in [(CLUSTER, "resume", work), *((TASK, work, phase, "0") for phase in phases)]:
+            p = run(*args, env={"ACUT_CLUSTER_PATIENCE": "0.2"}, status=76)
+            check("%s: %s" % (what, args[1:]), "another version of acut began the run" in p.stderr, p.stderr)
+        check("nothing is changed", contents(base) == before, "%s: %s" % (what, set(contents(base)) ^ set(before)))
+    run(CLUSTER, "clean", work, "--force")
+    check("it is removed", not os.path.exists(work))
+    run(CLUSTER, "stage", survey, "--work", work, "--on", "local", "--no-config")
+    changed(work, lambda lines: [x for x in lines if not x.startswith("kernel ")])
+    os.unlink(work + "/done/commit-0")
+    run(CLUSTER, "resume", work)
+
+
 def elsewhere(base):
     """A relative --directory, for tasks and for later commands that begin in other folders; and clean without that folder."""
     os.makedirs(base + "/top/in")
@@ -367,4 +419,4 @@ def main(*parts):
 
 
 if __name__ == "__main__":
-    main(stage, refused, interrupted, script, mesh, convex, real, options, killed_once, lost_results, elsewhere, reported, output_tiles, many_segments)
+    main(stage, refused, interrupted, script, mesh, convex, real, options, killed_once, lost_results, other_versions, elsewhere, reported, output_tiles, many_segments)

@@ -568,24 +568,6 @@ def dataset_is_gone():
         expect(forgotten(path, *words) == 1 and not os.path.exists(os.path.join(path, "done", "commit-0")), os.listdir(os.path.join(path, "done")))
 
 
-def older():
-    """A run that an older version began has no phase sum."""
-    with e2e.Folder() as base:
-        work = Work(base, inputs(base, 1), gathers=1)
-        about = os.path.join(work.first, "acut-work")
-        with open(about) as f:
-            lines = [line for line in f if " sum" not in line and not line.startswith("check ")]
-        body = "".join(lines).encode()
-        with open(about, "wb") as f:
-            f.write(body)
-        with open(about, "rb") as f:
-            check = run([PHASES, "check-sum"], stdin=f).ok().out
-        with open(about, "ab") as f:
-            f.write(b"check %s\n" % check.encode())
-        got = phases("gather", work.first, 0, "-o", os.path.join(base, "x.ply"))
-        expect(got.status == 76 and "older version" in got.err, "%d %s" % (got.status, got.err))
-
-
 def clobber():
     with e2e.Folder() as base:
         work = Work(base, inputs(base, 1), gathers=1)
@@ -711,6 +693,6 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format, by_all_tasks], "tiles": [tiles],
-          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, packs_named_again, forgotten_once, some_named, dataset_is_gone, older, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, recovered, packs_named_again, forgotten_once, some_named, dataset_is_gone, clobber, too_many_tiles, without_triangles, adopted, adopted_and_changed,
                     adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))
