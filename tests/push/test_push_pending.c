@@ -559,6 +559,30 @@ static void test_bytes(void **state)
 	assert_true(d->pending->bytes >= 20400 * 16);
 }
 
+/* What a pending push has on the disk already needs no free bytes again, and stays in the accounts. */
+static void test_space(void **state)
+{
+	struct space_stat first, status;
+	uint64_t held;
+
+	close(fd[0]);
+	fd[0] = text_file(20000, 1);
+	interrupt("01");
+	held = dataset_find(h.service->datasets, "a", &me)->pending->bytes;
+	space_stat(h.service->core->space, &first);
+	begin_of(&me);
+	stage("12", '9');
+	expect_known("1", PUSH_ADOPTED);
+	assert_true(atomic_load(&got.push->space.taken) < held);
+	space_stat(h.service->core->space, &status);
+	assert_true(status.kind[SPACE_PENDING].bytes == held + atomic_load(&got.push->space.taken));
+	assert_int_equal(got.push->space.own, held + atomic_load(&got.push->space.taken));
+	ask(push_abort(got.push, NULL));
+	leave();
+	space_stat(h.service->core->space, &status);
+	assert_int_equal(status.kind[SPACE_PENDING].bytes, first.kind[SPACE_PENDING].bytes);
+}
+
 static int open_files(void **state)
 {
 	for (unsigned i = 0; i < FILES; i++)
@@ -591,6 +615,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_most, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_bytes, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_space, open_files, close_files),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
