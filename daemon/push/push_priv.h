@@ -108,6 +108,7 @@ struct push_request {
 	struct file_hashing hashing;
 	struct push_lines_file *lines; /* of an input of lines, when it is staged */
 	enum push_known_as known;
+	bool in_base;        /* known, because the dataset has it */
 	size_t target;       /* 1 + the index in push.base of the source that it replaces; 0: none */
 	struct input *whole; /* a file that several workers read; the loop closes it */
 	struct push_helpers *helpers;

@@ -476,6 +476,22 @@ static void test_superseded(void **state)
 	no_leftovers();
 }
 
+/* A file that was named twice, and then not staged, is not in the dataset: it stays pending. */
+static void test_named_twice(void **state)
+{
+	push_all("5");
+	interrupt("1");
+	begin_as(&(struct push_params){.dataset = "a", .peer = me, .calls = &calls, .says = {.planar = true}});
+	stage("112", '1');
+	ask(push_file(got.push, dup(fd[2]), input_of(2), NULL));
+	assert_int_equal(got.why.code, 0);
+	commit();
+	expect(1, 1, 2);
+	push_all("1");
+	expect_known("1", PUSH_ADOPTED);
+	expect(0, 0, 3);
+}
+
 static void test_two_users(void **state)
 {
 	begin_of(&bert);
@@ -611,6 +627,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_two_at_once, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_each_its_own, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_superseded, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_named_twice, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_two_users, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_most, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
