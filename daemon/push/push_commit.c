@@ -210,6 +210,21 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 	return r;
 }
 
+/* The segment has as many points as the manifest will say, so none of a file that is not committed. */
+static int check_points(const struct push *p, const struct grid_segment_info *segment, struct err *err)
+{
+	uint64_t points = 0;
+
+	for (size_t i = 0; i < p->nsources; i++)
+		points += p->sources[i].points;
+	for (size_t i = 0; p->adopt && i < p->adopt->nsources; i++)
+		points += p->adopt_named[i] ? p->adopt->sources[i].points : 0;
+	if (points == segment->points)
+		return 0;
+	return err_set(err, ERR_CORRUPT, "of %llu staged points the segment has %llu", (unsigned long long)points,
+		       (unsigned long long)segment->points);
+}
+
 /* The first part, by one worker. */
 static void seal_begin(struct push *p, struct push_request *rq)
 {
@@ -249,7 +264,9 @@ static void seal_finish(struct push *p, struct push_request *rq)
 		push_lines_undo(p);
 		return;
 	}
-	rq->r = commit_manifest(p, &segment, &rq->err);
+	rq->r = check_points(p, &segment, &rq->err);
+	if (!rq->r)
+		rq->r = commit_manifest(p, &segment, &rq->err);
 	/* Lines alone leave it empty. */
 	if ((rq->r || (!segment.points && p->lines.id)) && io_remove(p->dataset->dirfd, segment.file, &err))
 		dataset_left(p->dataset, &err);

@@ -210,6 +210,7 @@ int push_known(struct push *p, struct push_request *rq)
 	if (s) {
 		rq->target = 0;
 		rq->known = PUSH_KNOWN;
+		rq->in_base = true;
 		rq->in.points = s->points;
 		return 0;
 	}
@@ -230,6 +231,7 @@ int push_known(struct push *p, struct push_request *rq)
 		return r;
 	if (s || given_before(p, rq)) {
 		rq->known = PUSH_KNOWN;
+		rq->in_base = s;
 		rq->in.points = s ? s->points : 0;
 		return 0;
 	}

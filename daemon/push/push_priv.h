@@ -108,6 +108,7 @@ struct push_request {
 	struct file_hashing hashing;
 	struct push_lines_file *lines; /* of an input of lines, when it is staged */
 	enum push_known_as known;
+	bool in_base;        /* known, because the dataset has it */
 	size_t target;       /* 1 + the index in push.base of the source that it replaces; 0: none */
 	struct input *whole; /* a file that several workers read; the loop closes it */
 	struct push_helpers *helpers;
@@ -256,10 +257,11 @@ struct push {
 		struct lock lock;               /* guards what is not atomic */
 		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
 		uint64_t promised;              /* of `taken`, not written yet */
-		uint64_t held, adopted;         /* bytes of the pending push that it continues; with the segment of its files */
-		uint64_t own, owed;             /* of user-disk: of the pushing user; of the owner, if that is another user */
-		uint32_t owner;                 /* of the dataset, when the push began */
-		struct err why;                 /* set: there is no space for more */
+		uint64_t held,
+			adopted;    /* bytes of the pending push that it continues, not in `taken`; of a segment of its files */
+		uint64_t own, owed; /* of user-disk: of the pushing user; of the owner, if that is another user */
+		uint32_t owner;     /* of the dataset, when the push began */
+		struct err why;     /* set: there is no space for more */
 	} space;
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
 	_Atomic uint64_t hashed, hash_end;  /* bytes of a file that is read only for its hash; 0: none is */

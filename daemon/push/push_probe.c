@@ -107,7 +107,7 @@ bool push_probe_done(struct push *p, struct push_request *rq, const struct err *
 		else
 			result.replaced = push_replace_note(p, rq->path, rq->replace, rq->target);
 	}
-	if (!why && rq->known == PUSH_KNOWN)
+	if (!why && rq->in_base)
 		push_offers_known(p, rq->path);
 	if (!why && rq->known == PUSH_NEW) {
 		result.info = &rq->info;

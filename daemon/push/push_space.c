@@ -4,7 +4,8 @@
  * The model: before its first point is staged, a push reserves what its probes claim: its runs and its segment, which both exist
  * until the commit (for a one-step dataset, runs shrink as the segment grows). Headers may be wrong, and pipes say nothing, so
  * more is reserved in steps as points are staged. What is reserved and not written yet is promised, so that two pushes do not
- * count on the same free bytes. With a crop the part that will be read is unknown, and only staged points count.
+ * count on the same free bytes. With a crop the part that will be read is unknown, and only staged points count. What a pending
+ * push that it continues has on the disk already (`held`) stays in the accounts, and needs no free bytes.
  *
  * All of it counts for the pushing user; what will remain after the commit also counts for the owner of the dataset (limit.c).
  * Both are released when the push ends. Then its result counts: a new generation for the owner, a pending push for the pushing
@@ -38,7 +39,7 @@ static uint64_t excess(uint64_t want, uint64_t has)
 static int reserve(struct push *p, uint64_t bytes, uint64_t points, struct err *err)
 {
 	struct push_space *s = &p->space;
-	uint64_t all = atomic_load(&s->taken) + bytes, own = excess(all, s->own), owed = 0;
+	uint64_t taken = atomic_load(&s->taken) + bytes, all = s->held + taken, own = excess(all, s->own), owed = 0;
 	char what[64];
 	int r = 0;
 
@@ -66,7 +67,7 @@ static int reserve(struct push *p, uint64_t bytes, uint64_t points, struct err *
 	s->owed += owed;
 	space_add_unwritten(p->pushes->core->space, kind_of(p), (int64_t)bytes);
 	s->promised += bytes;
-	atomic_store(&s->taken, all);
+	atomic_store(&s->taken, taken);
 	return 0;
 }
 
@@ -75,17 +76,18 @@ void push_space_claim(struct push *p, const struct pending *q)
 	p->space.held = q->bytes;
 	p->space.own += q->bytes;
 	limit_release_and_recount(p->pushes->core, p->peer.uid, -(int64_t)q->bytes, 0, 0);
+	space_commit(p->pushes->core->space, SPACE_PENDING, 0, q->bytes);
 	datasets_count(p->pushes->datasets);
 }
 
-/* Of the pending push that it continues: its runs are there, and the segment will have the files that were named. */
+/* The segment will have the files of the pending push that were named. */
 static uint64_t adopted_bytes(const struct push *p)
 {
 	uint64_t points = 0;
 
 	for (size_t i = 0; p->adopt && i < p->adopt->nsources; i++)
 		points += p->adopt_named[i] ? pending_source_points(&p->adopt->sources[i]) : 0;
-	return p->adopt ? p->space.held + datasets_points_bytes(points) : 0;
+	return p->adopt ? datasets_points_bytes(points) : 0;
 }
 
 int push_space_plan(struct push *p, struct err *err)
@@ -142,7 +144,7 @@ void push_space_tick(struct push *p)
 	struct push_space *s = &p->space;
 
 	/* Points in memory are not written. */
-	written = p->space.held + (written > p->stage_bytes ? written - p->stage_bytes : 0);
+	written = written > p->stage_bytes ? written - p->stage_bytes : 0;
 	/* A worker may wait for the file system while it holds the lock. The next tick comes soon. */
 	if (!lock_try(&s->lock))
 		return;
@@ -161,9 +163,9 @@ void push_space_end(struct push *p)
 
 	THREAD_LOOP_ONLY();
 	space_add_unwritten(p->pushes->core->space, kind_of(p), -(int64_t)s->promised);
-	space_give(p->pushes->core->space, kind_of(p), atomic_load(&s->taken));
+	space_give(p->pushes->core->space, kind_of(p), s->held + atomic_load(&s->taken));
 	limit_release_and_recount(p->pushes->core, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
-	s->promised = s->own = s->owed = 0;
+	s->held = s->promised = s->own = s->owed = 0;
 	atomic_store(&s->taken, 0);
 	datasets_count(p->pushes->datasets);
 }

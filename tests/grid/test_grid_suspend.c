@@ -15,11 +15,12 @@
 #include <cmocka.h>
 
 #include "grid_fixture.h"
+#include "grid_state.h"
 #include "io.h"
 
 /* WHOLE sources are suspended, one run each: more than a stage of this size can merge at once. Then some more are
  * added, and the last one is cut off; it must not be in the result. */
-enum { SOURCES = 20, EACH = 4000, WHOLE = 12, CUT = 16, AGAIN = 100 };
+enum { SOURCES = 20, EACH = 4000, WHOLE = 12, CUT = 16, AGAIN = 100, MANY = 200 };
 static const size_t memory = GRID_STAGE_MIN;
 
 /* ---- a process that dies at its n-th call ---- */
@@ -351,12 +352,148 @@ static void test_damage(void **state)
 	folder_remove(&f);
 }
 
+/* A stage of sources 1..n, suspended after each, so that each has a run of its own. */
+static void suspend_each(const struct grid_stage_params *params, const struct set *s, uint32_t n)
+{
+	struct grid_stage *stage;
+	struct err err = ERR_INIT;
+
+	CHECK(grid_stage_new(params, &stage, &err));
+	for (uint32_t id = 1; id <= n; id++) {
+		add(stage, s, id, id, &err);
+		CHECK(grid_stage_suspend(stage, &err));
+	}
+	grid_stage_detach(stage);
+}
+
+/* The suspended stage, which has sources 1..n, without those that are not in from..to. */
+static struct grid_stage *resume_part(const struct grid_stage_params *params, uint32_t n, uint32_t from, uint32_t to)
+{
+	struct grid_stage *stage;
+	struct err err = ERR_INIT;
+	size_t has;
+
+	CHECK(grid_stage_resume(params, &stage, &err));
+	grid_stage_sources(stage, &has);
+	assert_int_equal(has, n);
+	for (uint32_t id = 1; id <= n; id++)
+		if (id < from || id > to)
+			CHECK(grid_stage_drop(stage, id, &err));
+	return stage;
+}
+
+/* The segment has the records of sources from..to, each as its own. */
+static void seal_part(struct grid_stage *stage, const struct folder *f, const struct set *s, uint32_t from, uint32_t to)
+{
+	struct set want = {.pts = malloc(s->n * sizeof *want.pts), .ids = malloc(s->n * sizeof *want.ids)};
+	struct grid_segment_info once, info;
+	struct err err = ERR_INIT;
+
+	for (size_t i = 0; i < s->n; i++) {
+		if (s->ids[i] < from || s->ids[i] > to)
+			continue;
+		want.pts[want.n] = s->pts[i];
+		want.ids[want.n++] = s->ids[i];
+	}
+	CHECK(stage_set(f, "want", &want, 0, &once, &err));
+	CHECK(grid_stage_seal(stage, &info, &err));
+	grid_stage_detach(stage);
+	assert_int_equal(info.points, want.n);
+	assert_true(checksum(f, info.file) == checksum(f, once.file));
+	set_free(&want);
+}
+
+/* What is dropped before a suspension is there again after it, and can be dropped again, or used. */
+static void test_drop_and_suspend(void **state)
+{
+	enum { N = 3 };
+
+	struct set s = set_make(SHAPE_UNIFORM, N * 500, N, 1);
+	struct folder f = folder_new();
+	struct grid_stage_params params = {f.fd, "stage", memory, true, .segment = "part"};
+	struct grid_stage *stage;
+	struct err err = ERR_INIT;
+
+	suspend_each(&params, &s, N);
+	for (uint32_t id = 1; id <= N; id++) {
+		stage = resume_part(&params, N, id, id);
+		CHECK(grid_stage_suspend(stage, &err));
+		grid_stage_detach(stage);
+		seal_part(resume_part(&params, N, id, id), &f, &s, id, id);
+	}
+	/* It was dropped from memory before there was a run: it is gone. */
+	CHECK(grid_stage_discard(f.fd, "stage", &err));
+	CHECK(grid_stage_new(&params, &stage, &err));
+	add(stage, &s, 1, 1, &err);
+	add(stage, &s, 2, 2, &err);
+	CHECK(grid_stage_drop(stage, 1, &err));
+	CHECK(grid_stage_suspend(stage, &err));
+	grid_stage_detach(stage);
+	seal_part(resume_part(&params, 1, 2, 2), &f, &s, 2, 2);
+	CHECK(grid_stage_discard(f.fd, "stage", &err));
+	assert_int_equal(folder_files(&f, ""), 2);
+	set_free(&s);
+	folder_remove(&f);
+}
+
+/* More runs than can be merged at once: the segment of a part merges some first, and the rest can still be sealed. */
+static void test_part_of_many_runs(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, MANY * 20, MANY, 1);
+	struct folder f = folder_new();
+	struct grid_stage_params params = {f.fd, "stage", memory, true, .segment = "part"};
+	struct err err = ERR_INIT;
+	uint32_t last;
+	uint64_t bytes;
+
+	suspend_each(&params, &s, MANY);
+	assert_int_equal(folder_files(&f, ".run"), MANY);
+	seal_part(resume_part(&params, MANY, 1, 1), &f, &s, 1, 1);
+	assert_true(folder_files(&f, ".run") < MANY);
+	/* The numbers of all records count, also of those that nobody may ever use. */
+	CHECK(grid_stage_check(f.fd, "stage", &last, &bytes, &err));
+	assert_int_equal(last, MANY);
+	seal_part(resume_part(&params, MANY, 2, 2), &f, &s, 2, 2);
+	seal_part(resume_part(&params, MANY, 3, MANY), &f, &s, 3, MANY);
+	CHECK(grid_stage_discard(f.fd, "stage", &err));
+	assert_int_equal(folder_files(&f, ""), 2);
+	set_free(&s);
+	folder_remove(&f);
+}
+
+/* A state that does not name the source of a record: the seal fails. */
+static void test_unknown_source(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 1000, 2, 1);
+	struct folder f = folder_new();
+	struct grid_stage_params params = {f.fd, "stage", memory, true};
+	struct grid_state one, other;
+	struct grid_segment_info info;
+	struct grid_stage *stage;
+	struct err err = ERR_INIT;
+
+	suspend_each(&params, &s, 2);
+	CHECK(grid_state_read(f.fd, "stage", &one, &err));
+	other = one;
+	other.nsources = 1;
+	CHECK(grid_state_write(f.fd, "stage", &other, true, &err));
+	grid_state_free(&one);
+	CHECK(grid_stage_resume(&params, &stage, &err));
+	assert_int_equal(grid_stage_seal(stage, &info, &err), -ERR_INTERNAL);
+	grid_stage_free(stage);
+	set_free(&s);
+	folder_remove(&f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_death),
 		cmocka_unit_test(test_drop),
 		cmocka_unit_test(test_segments_of_one_stage),
+		cmocka_unit_test(test_drop_and_suspend),
+		cmocka_unit_test(test_part_of_many_runs),
+		cmocka_unit_test(test_unknown_source),
 		cmocka_unit_test(test_damage),
 	};
 

@@ -7,6 +7,7 @@
 #include "fixture.h"
 #include "dataset_priv.h"
 #include "io.h"
+#include "grid_merge.h"
 #include "log.h"
 
 enum { FILES = 6, EACH = 400 };
@@ -239,6 +240,113 @@ static void test_lines(void **state)
 	no_leftovers();
 }
 
+static int open_folder(void)
+{
+	char path[128];
+	int dirfd;
+
+	snprintf(path, sizeof path, "%s/datasets/1", h.folder);
+	dirfd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	assert_true(dirfd >= 0);
+	return dirfd;
+}
+
+/* The segment of points of push `id` has those of so many files. */
+static void expect_segment(unsigned id, unsigned files)
+{
+	char name[32];
+	struct grid_segment_info segment = {0};
+	struct grid_manifest *m;
+	struct err err = ERR_INIT;
+	struct dataset *d = dataset_find(h.service->datasets, "a", &me);
+	int dirfd = open_folder();
+
+	snprintf(name, sizeof name, "push-%u.seg", id);
+	assert_int_equal(grid_manifest_read(dirfd, d->manifest, &m, &err), 0);
+	for (size_t i = 0; i < m->nsegments; i++)
+		if (!strcmp(m->segments[i].file, name))
+			segment = m->segments[i];
+	assert_int_equal(segment.points, files * EACH);
+	grid_manifest_free(m);
+	close(dirfd);
+}
+
+/* A commit whose line set needs more memory than it was first given begins again, and leaves out again what was not named. */
+static void test_lines_again(void **state)
+{
+	close(fd[3]);
+	fd[3] = lines_file(600, 3);
+	close_service();
+	open_service(UINT64_C(64) << 20, 2);
+	interrupt("012");
+	push_all("03");
+	expect_known("0", PUSH_ADOPTED);
+	expect_segment(2, 1);
+	assert_int_equal(info().pending_files, 2);
+	push_all("12");
+	expect_known("12", PUSH_ADOPTED);
+	expect_segment(3, 2);
+	assert_int_equal(info().pending, 0);
+	no_leftovers();
+}
+
+/* A pending push of more runs than can be merged at once, most of them of a file that was not read whole: a commit of a part
+ * merges runs that have other files, too, and these can still be committed. */
+static void test_many_runs(void **state)
+{
+	int dirfd;
+	struct grid_stage_params params = {.name = "push-1", .memory = GRID_STAGE_MIN};
+	const struct point point = {.x = 1};
+	struct grid_stage *runs;
+	struct err err = ERR_INIT;
+
+	interrupt("012");
+	close_service();
+	params.dirfd = dirfd = open_folder();
+	assert_int_equal(grid_stage_resume(&params, &runs, &err), 0);
+	assert_int_equal(grid_stage_source(runs, 1000, &err), 0);
+	for (unsigned i = 0; i < GRID_MERGE_INPUTS; i++) {
+		assert_int_equal(grid_stage_add(runs, &point, 1, &err), 0);
+		assert_int_equal(grid_stage_suspend(runs, &err), 0);
+	}
+	grid_stage_detach(runs);
+	open_service(UINT64_C(32) << 20, 2);
+	for (char file = '0'; file <= '2'; file++) {
+		if (file > '0')
+			assert_int_equal(faccessat(dirfd, "push-1.1.run", F_OK, 0), -1); /* merged */
+		push_all((char[]){file, '\0'});
+		expect_known((char[]){file, '\0'}, PUSH_ADOPTED);
+		expect_segment(2 + (unsigned)(file - '0'), 1);
+	}
+	expect(0, 0, 3);
+	no_leftovers();
+	close(dirfd);
+}
+
+/* The list of files says other points than were staged: nothing is committed, and the push stays pending. */
+static void test_wrong_points(void **state)
+{
+	struct grid_manifest *m;
+	struct err err = ERR_INIT;
+	int dirfd;
+
+	interrupt("01");
+	dirfd = open_folder();
+	assert_int_equal(grid_manifest_read(dirfd, "push-1.pending", &m, &err), 0);
+	m->sources[0].points++;
+	assert_int_equal(grid_manifest_write(dirfd, "push-1.pending", m, &err), 0);
+	grid_manifest_free(m);
+	close(dirfd);
+	begin_of(&me);
+	stage("01", '9');
+	expect_known("01", PUSH_ADOPTED);
+	ask(push_commit(got.push, NULL));
+	assert_int_equal(got.why.code, ERR_CORRUPT);
+	leave();
+	assert_int_equal(info().points, 0);
+	assert_int_equal(info().pending_files, 2);
+}
+
 static void shell(const char *format)
 {
 	char command[256];
@@ -369,6 +477,22 @@ static void test_superseded(void **state)
 	commit();
 	expect(0, 0, 5);
 	no_leftovers();
+}
+
+/* A file that was named twice, and then not staged, is not in the dataset: it stays pending. */
+static void test_named_twice(void **state)
+{
+	push_all("5");
+	interrupt("1");
+	begin_as(&(struct push_params){.dataset = "a", .peer = me, .calls = &calls, .says = {.planar = true}});
+	stage("112", '1');
+	ask(push_file(got.push, dup(fd[2]), input_of(2), NULL));
+	assert_int_equal(got.why.code, 0);
+	commit();
+	expect(1, 1, 2);
+	push_all("1");
+	expect_known("1", PUSH_ADOPTED);
+	expect(0, 0, 3);
 }
 
 static void test_two_users(void **state)
@@ -575,6 +699,30 @@ static void test_bytes(void **state)
 	assert_true(d->pending->bytes >= 20400 * 16);
 }
 
+/* What a pending push has on the disk already needs no free bytes again, and stays in the accounts. */
+static void test_space(void **state)
+{
+	struct space_stat first, status;
+	uint64_t held;
+
+	close(fd[0]);
+	fd[0] = text_file(20000, 1);
+	interrupt("01");
+	held = dataset_find(h.service->datasets, "a", &me)->pending->bytes;
+	space_stat(h.service->core->space, &first);
+	begin_of(&me);
+	stage("12", '9');
+	expect_known("1", PUSH_ADOPTED);
+	assert_true(atomic_load(&got.push->space.taken) < held);
+	space_stat(h.service->core->space, &status);
+	assert_true(status.kind[SPACE_PENDING].bytes == held + atomic_load(&got.push->space.taken));
+	assert_int_equal(got.push->space.own, held + atomic_load(&got.push->space.taken));
+	ask(push_abort(got.push, NULL));
+	leave();
+	space_stat(h.service->core->space, &status);
+	assert_int_equal(status.kind[SPACE_PENDING].bytes, first.kind[SPACE_PENDING].bytes);
+}
+
 static int open_files(void **state)
 {
 	for (unsigned i = 0; i < FILES; i++)
@@ -595,17 +743,22 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_unrelated, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_partly_named, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_lines, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_lines_again, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_many_runs, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_wrong_points, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_crash, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_aborted, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_two_at_once, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_each_its_own, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_superseded, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_named_twice, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_two_users, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_discard, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_discard_fails, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_most, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_bytes, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_space, open_files, close_files),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

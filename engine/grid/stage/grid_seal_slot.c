@@ -119,7 +119,8 @@ static int add_records(struct grid_seal *z, struct grid_slot *s, const struct po
 static int merge_slice(struct grid_seal *z, struct grid_slot *s, uint64_t *ret_omitted, struct err *err)
 {
 	const struct grid_stage *stage = z->stage;
-	uint32_t *ids = stage->nall > 1 || stage->ndropped ? s->ids : NULL;
+	/* A run that has another source than it should is found by the number of that. */
+	uint32_t *ids = stage->nall > 1 || z->slices.nruns ? s->ids : NULL;
 	size_t held = 0, got, taken;
 	bool end = false;
 	int rc = 0;

@@ -85,7 +85,7 @@ struct grid_seal *grid_seal_free(struct grid_seal *); /* abandons the seal; the 
  * failure only this and grid_stage_detach may be called. */
 struct grid_stage *grid_stage_free(struct grid_stage *);
 /* Drops source `id`: the segment will have neither its records nor its number, and nothing can be added to it any
- * more. */
+ * more. Its records in runs stay there: a stage that is resumed later has the source again. */
 int grid_stage_drop(struct grid_stage *, uint32_t id, struct err *err);
 
 /* Writes everything added so far to runs, and a state file NAME.stage that lists them (both fsynced if durable). From

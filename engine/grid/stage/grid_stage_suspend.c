@@ -3,7 +3,8 @@
  *
  * A state file (grid_state.h) names the runs that hold everything added so far. A run that it names is removed only
  * after a newer state file was written, or with the stage. Records of a dropped source are removed from memory at once;
- * those in runs are omitted when the segment is made.
+ * those in runs are omitted when the segment is made. They stay in the runs, also when runs are merged, so the state file
+ * names their source, too: whoever resumes the stage drops it again, or uses it.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -68,17 +69,31 @@ size_t grid_stage_filter_dropped(const struct grid_stage *s, struct point *pts, 
 
 /* ---- suspending ---- */
 
+/* Every source that may have records in runs, ascending; s->nall + s->ndropped numbers. NULL: no memory. */
+static uint32_t *sources_of_runs(const struct grid_stage *s)
+{
+	uint32_t *ret = malloc((s->nall + s->ndropped + 1) * sizeof *ret);
+	size_t n = 0;
+
+	for (uint32_t i = 0, k = 0; ret && (i < s->nall || k < s->ndropped);)
+		ret[n++] = k == s->ndropped || (i < s->nall && s->all[i] < s->dropped[k]) ? s->all[i++] : s->dropped[k++];
+	return ret;
+}
+
 int grid_stage_write_state(struct grid_stage *s, size_t gone, struct err *err)
 {
+	uint32_t *sources = sources_of_runs(s);
 	const struct grid_state state = {
 		.next_run = s->next_run,
 		.runs = s->runs + gone,
 		.nruns = s->nruns - gone,
-		.sources = s->all,
-		.nsources = s->nall,
+		.sources = sources,
+		.nsources = s->nall + s->ndropped,
 	};
-	int rc = grid_state_write(s->dirfd, s->stem, &state, s->durable, err);
+	int rc = sources ? grid_state_write(s->dirfd, s->stem, &state, s->durable, err) :
+			   err_set(err, ERR_NOMEM, "no memory for the state of a stage");
 
+	free(sources);
 	if (rc)
 		return rc;
 	s->suspended = true;
