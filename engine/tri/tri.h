@@ -23,7 +23,8 @@ struct tri; /* at the start of the arena */
 /* `memory`: tri_bytes(cap) bytes, aligned to 64. */
 struct tri *tri_init(void *memory, uint32_t cap);
 /* Memory in the arena for up to `cap` positions, which the caller writes in Morton order and distinct. In another order the
- * triangles are the same, but each costs a walk across the mesh if neighbours are not near each other. */
+ * triangles are the same, but each costs a walk across the mesh if neighbours are not near each other. (regular_flat.c writes
+ * what a result had, in its order, and one position behind it: all but that one are on a line.) */
 struct mesh_vertex *tri_input(struct tri *);
 
 /* Triangulates the first n. 0, or TRI_E_FLAT: fewer than three positions, or all collinear, so no triangles. */
