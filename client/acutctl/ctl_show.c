@@ -17,7 +17,8 @@ static void show_mesh(FILE *out, const struct acut_report *p)
 	}
 	term_field(out, "points", "%s, used %s", term_count(p->points, a), term_count(p->used, b));
 	for (size_t i = 0; i < p->nremoved; i++)
-		term_field(out, "left out", "%s by %s", term_count(p->removed[i].count, a), p->removed[i].rule);
+		if (p->removed[i].count)
+			term_field(out, "left out", "%s by %s", term_count(p->removed[i].count, a), p->removed[i].rule);
 	if (*p->max_error)
 		term_field(out, "bound", "%s", ctl_report_bound(p, bound, sizeof(bound)));
 	term_field(out, "mesh", "%s vertices, %s triangles, %s on the hull", term_count(p->vertices, a),

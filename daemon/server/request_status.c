@@ -152,9 +152,9 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		return;
 	}
 	/* Workers take memory meanwhile, and only the loop gives it back. So the holders and the resident size are read before
-	 * the sums of the ledger. Otherwise they could exceed the sums. */
-	status.peak_rss_bytes = process_peak_rss();
+	 * the sums of the ledger. Otherwise they could exceed the sums. For the same reason the peak is read after the size. */
 	status.rss_bytes = process_rss();
+	status.peak_rss_bytes = process_peak_rss();
 	a->peer = &c->peer;
 	service_holders(s->service, add_holder, a);
 	add_conns(a, s);

@@ -343,6 +343,9 @@ def terminal(p):
         rows = p.ctl(*words, "--private")[1].splitlines()
         check("a script sees all of it: " + " ".join(words), words[0] in ("cache", "status", "plan", "formats", "show", "doctor") or
               all(name in r or "\t" in r or words[1:2] == ["show"] for r in rows) and not any("…" in r for r in rows), str(rows))
+        if words[0] == "show":
+            rules = [r for r in rows if "left out" in r]
+            check("rules that left out points, no others", rules and not any(re.search(r"\b0 by ", r) for r in rules), str(rows))
         if words[0] in ("datasets", "jobs", "formats") or words[1:2] == ["log"]:
             check("as many columns in each row: " + " ".join(words), len({r.count("\t") for r in rows}) == 1, str(rows))
 
