@@ -16,6 +16,7 @@
 
 #include "err.h"
 #include "grow.h"
+#include "morton.h"
 
 static int no_memory(struct err *err)
 {
@@ -107,16 +108,6 @@ static void chain_boxes(struct area *a, const struct area_ring *r, struct node n
 
 /* ---- sets of rings ---- */
 
-/* The bits of v at the even places. */
-static uint64_t spread(uint64_t v)
-{
-	v = (v | v << 16) & 0x0000ffff0000ffff;
-	v = (v | v << 8) & 0x00ff00ff00ff00ff;
-	v = (v | v << 4) & 0x0f0f0f0f0f0f0f0f;
-	v = (v | v << 2) & 0x3333333333333333;
-	return (v | v << 1) & 0x5555555555555555;
-}
-
 /* The place of the middle of a box on a Z-order curve over the bounds of the area. */
 static uint64_t curve_key(const struct area *a, const int64_t box[4])
 {
@@ -130,7 +121,7 @@ static uint64_t curve_key(const struct area *a, const int64_t box[4])
 
 		while (span >> shift >> 32)
 			shift++;
-		key |= spread(at >> shift) << k;
+		key |= morton_spread((uint32_t)(at >> shift)) << k;
 	}
 	return key;
 }

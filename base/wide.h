@@ -1,4 +1,5 @@
-/* Sums of products of 128-bit numbers, exact: for signs of determinants that do not fit 128 bits; and their common divisor. */
+/* Sums of products of 128-bit numbers, exact: for signs of determinants that do not fit 128 bits; their common divisor, and
+ * quotients rounded down. */
 #ifndef WIDE_H
 #define WIDE_H
 
@@ -49,6 +50,14 @@ static inline __int128 wide_gcd(__int128 a, __int128 b)
 		b = rest;
 	}
 	return a < 0 ? -a : a;
+}
+
+/* n / d, rounded down; d > 0. */
+static inline __int128 wide_floor(__int128 n, __int128 d)
+{
+	const __int128 i = n / d;
+
+	return i * d > n ? i - 1 : i;
 }
 
 /* Near: some units in the last place. */

@@ -56,13 +56,6 @@ static bool times(struct fraction *f, int64_t n, int64_t d, int e)
 	return f->n < PART_MOST && f->n > -PART_MOST && f->d < PART_MOST;
 }
 
-static i128 floor_of(i128 n, i128 d)
-{
-	i128 i = n / d;
-
-	return i * d > n ? i - 1 : i;
-}
-
 /* The length over the height of a lattice step. */
 static bool in_steps(const struct contour_length *l, struct decimal scale, const struct contour_options *o, struct fraction *ret)
 {
@@ -128,7 +121,7 @@ int contour_levels_init(struct contour_levels *l, const struct acut_mesh_head *h
 	    base.n < -((i128)1 << 90))
 		return too_fine(head, err);
 	r = q / base.d * base.n - (i128)head->k[2] * q;
-	shift = floor_of(r, p);
+	shift = wide_floor(r, p);
 	if (shift > SHIFT_MOST || shift < -SHIFT_MOST)
 		return too_fine(head, err);
 	l->p = (int64_t)p;

@@ -13,6 +13,7 @@
 #include "contour_priv.h"
 #include "contour_simplify.h"
 #include "err.h"
+#include "morton.h"
 #include "outfile.h"
 #include "sort.h"
 
@@ -74,15 +75,6 @@ static int interrupted(const struct contour_simple *s, struct err *err)
 
 /* ---- all vertices, by their places ---- */
 
-static uint64_t spread(uint64_t v) /* 32 bits */
-{
-	v = (v | v << 16) & 0x0000ffff0000ffffu;
-	v = (v | v << 8) & 0x00ff00ff00ff00ffu;
-	v = (v | v << 4) & 0x0f0f0f0f0f0f0f0fu;
-	v = (v | v << 2) & 0x3333333333333333u;
-	return (v | v << 1) & 0x5555555555555555u;
-}
-
 /* What is less has no greater number, however it is rounded: so the places of a square are a rectangle. */
 static uint64_t axis_of(const struct contour_simple *s, double v)
 {
@@ -96,7 +88,7 @@ static int add_vertex(struct contour_simple *s, const double at[2], unsigned mar
 {
 	uint64_t x = axis_of(s, at[0]), y = axis_of(s, at[1]), rec[VERTEX_WORDS];
 	struct contour_vertex v = {
-		.key = {spread(x >> 32) | spread(y >> 32) << 1, spread(x & UINT32_MAX) | spread(y & UINT32_MAX) << 1},
+		.key = {morton_code((uint32_t)(x >> 32), (uint32_t)(y >> 32)), morton_code((uint32_t)x, (uint32_t)y)},
 		.number = s->taken++ * CONTOUR_MARKS + marks,
 		.at = {at[0], at[1]}};
 

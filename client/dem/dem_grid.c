@@ -44,16 +44,7 @@ static bool ratio(const struct dem_options *o, struct decimal scale, int64_t *re
 /* The pixel that has this lattice number; its first one if it is on a border. */
 static dem_i128 pixel_of(const struct dem_grid *g, dem_i128 number)
 {
-	dem_i128 n = number * g->q, i = n / g->p;
-
-	return i * g->p > n ? i - 1 : i;
-}
-
-static dem_i128 floor_of(dem_i128 n, dem_i128 d)
-{
-	dem_i128 i = n / d;
-
-	return i * d > n ? i - 1 : i;
+	return wide_floor(number * g->q, g->p);
 }
 
 static int64_t into(dem_i128 v, int64_t most)
@@ -68,8 +59,8 @@ void dem_grid_clip(struct dem_grid *g, const int64_t box[4])
 	for (int i = 0; i < 2; i++) {
 		dem_i128 side = (dem_i128)g->p * g->part, d = 2 * side;
 		dem_i128 low = 2 * (dem_i128)g->q * box[i] - side, high = 2 * (dem_i128)g->q * box[i + 2] - side;
-		dem_i128 from = i ? floor_of(low, d) + 1 : -floor_of(-low, d);
-		dem_i128 to = i ? floor_of(high, d) : -floor_of(-high, d) - 1;
+		dem_i128 from = i ? wide_floor(low, d) + 1 : -wide_floor(-low, d);
+		dem_i128 to = i ? wide_floor(high, d) : -wide_floor(-high, d) - 1;
 
 		from -= g->first[i];
 		to -= g->first[i];

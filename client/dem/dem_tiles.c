@@ -43,21 +43,14 @@ static int tiling_init(struct tiling *t, const struct dem_grid *g, const struct 
 	return 0;
 }
 
-static dem_i128 floor_of(dem_i128 n, dem_i128 d)
-{
-	dem_i128 i = n / d;
-
-	return i * d > n ? i - 1 : i;
-}
-
 /* The square with the centre of an absolute pixel, and the first pixel of a square. */
 static int64_t square_of(const struct tiling *t, int64_t pixel)
 {
-	return (int64_t)floor_of((2 * (dem_i128)pixel + 1) * t->a, 2 * t->b);
+	return (int64_t)wide_floor((2 * (dem_i128)pixel + 1) * t->a, 2 * t->b);
 }
 static int64_t first_pixel(const struct tiling *t, int64_t square)
 {
-	return (int64_t)-floor_of(t->a - 2 * t->b * square, 2 * t->a);
+	return (int64_t)-wide_floor(t->a - 2 * t->b * square, 2 * t->a);
 }
 
 /* ---- which squares ---- */

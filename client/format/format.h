@@ -77,13 +77,13 @@ struct format_options {
 	bool tiled;    /* rasters: `tiles` will come */
 };
 
-/* Lines in tiles: squares of p / q lattice units. `begin` opens the file of one, `end` gets it back, complete. */
+/* Lines in tiles: squares of p / q lattice units. `begin` opens the file of one, `end` gets it back, complete; after a failure it
+ * is freed. */
 struct format_tiler {
 	uint64_t p, q;
 	unsigned most;
 	int (*begin)(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err);
 	int (*end)(void *ctx, const int64_t at[2], struct outfile *, const double box[4], uint64_t lines, struct err *err);
-	void (*drop)(struct outfile *); /* in place of `end`, after a failure */
 	void *ctx;
 };
 

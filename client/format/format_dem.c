@@ -6,7 +6,7 @@
 #include "err.h"
 #include "format_axis.h"
 
-/* For slopes: metres of a unit. A degree is as good as for the hillshade of a picture; unknown units count as equal. */
+/* Metres of a unit; 0: unknown. A degree is one of the equator: good enough to look at slopes, never to measure. */
 static double metres_of(const char *unit)
 {
 	int64_t num, den;
@@ -16,7 +16,7 @@ static double metres_of(const char *unit)
 	return format_unit_ratio(unit, "metre", &num, &den) ? (double)num / (double)den : 0;
 }
 
-static double steep(const struct acut_mesh_head *head)
+double format_dem_steep(const struct acut_mesh_head *head)
 {
 	double xy = metres_of(head->unit_xy), z = metres_of(head->unit_z);
 
@@ -63,7 +63,7 @@ int format_dem_options(const struct format_options *opt, const struct acut_mesh_
 		.cell_den = 1,
 		.z_num = 1,
 		.z_den = 1,
-		.steep = steep(head),
+		.steep = format_dem_steep(head),
 		.unit_xy = head->unit_xy,
 		.unit_z = head->unit_z,
 		.cache = opt->rasters > 1 ? (opt->rasters < DEM_CACHE / 2 ? DEM_CACHE / opt->rasters : 2) : 0,

@@ -228,7 +228,7 @@ int format_lines_tiles(void *writer, const struct acut_mesh_tail *tail, struct e
 		w->lines = 0;
 		r = w->write(w, err);
 		if (r)
-			t->drop(w->out);
+			outfile_free(w->out);
 		else
 			r = t->end(t->ctx, at, w->out, w->lines_box, w->lines, err);
 	}

@@ -11,35 +11,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "format_dem.h"
 #include "format_raster.h"
 
 #define BINS 4096
-
-/* Metres a unit; 0 = unknown. */
-static double unit_metres(const char *unit)
-{
-	static const struct {
-		const char *name;
-		double metres;
-	} unit_row[] = {
-		{"metre", 1},
-		{"meter", 1},
-		{"m", 1},
-		{"foot", 0.3048},
-		{"ft", 0.3048},
-		{"us-foot", 1200.0 / 3937},
-		{"us-survey-foot", 1200.0 / 3937},
-		{"ftUS", 1200.0 / 3937},
-		{"us survey foot", 1200.0 / 3937},
-		{"degree", 111320},
-		{"deg", 111320},
-	};
-
-	for (size_t i = 0; unit && i < sizeof(unit_row) / sizeof(unit_row[0]); i++)
-		if (!strcmp(unit, unit_row[i].name))
-			return unit_row[i].metres;
-	return 0;
-}
 
 /* The z that a part `share` of the covered pixels is below. */
 static float percentile(const uint64_t bin[BINS], uint64_t n, double share, float low, float high)
@@ -86,7 +61,6 @@ void format_paint_init(struct format_paint *p, const struct format_raster *r, co
 		       enum format_color color)
 {
 	struct decimal xy = {1, 0}, z = {1, 0};
-	double mxy = unit_metres(head->unit_xy), mz = unit_metres(head->unit_z);
 
 	memset(p, 0, sizeof(*p));
 	p->raster = r;
@@ -94,11 +68,7 @@ void format_paint_init(struct format_paint *p, const struct format_raster *r, co
 	decimal_parse(head->scale_xy, &xy);
 	decimal_parse(head->scale_z, &z);
 	p->cell = r->factor > 0 ? FORMAT_SUBPIXEL / r->factor * decimal_double(xy) : 1;
-	p->height = decimal_double(z);
-	if (mxy > 0 && mz > 0)
-		p->height *= mz / mxy;
-	else if (mxy > 1000) /* degrees, and heights in something: metres */
-		p->height /= mxy;
+	p->height = decimal_double(z) * format_dem_steep(head);
 	if (color == FORMAT_ELEVATION)
 		paint_range(p);
 }

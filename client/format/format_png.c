@@ -7,14 +7,13 @@
  * (format_png_cell.c).
  */
 #include <math.h>
-#include <png.h>
-#include <setjmp.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
 #include "format_domain.h"
 #include "format_png.h"
+#include "format_png_file.h"
 #include "format_raster.h"
 #include "outfile.h"
 
@@ -25,7 +24,7 @@ struct picture {
 	struct format_raster raster;
 	struct acut_mesh_head head; /* scales and units only */
 	char scale_xy[64], scale_z[64], unit_xy[64], unit_z[64];
-	struct err *err; /* of the running call, for libpng's callbacks */
+	struct format_png_file file;
 };
 
 static int png_open_writer(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
@@ -91,27 +90,6 @@ static int png_block(void *writer, const struct format_block *block, struct err 
 	return 0;
 }
 
-static void png_put(png_structp png, png_bytep bytes, png_size_t n)
-{
-	struct picture *p = png_get_io_ptr(png);
-
-	if (outfile_write(p->out, bytes, n, p->err))
-		png_error(png, "output");
-}
-
-static void png_put_flush(png_structp png) {}
-
-static void png_fail(png_structp png, png_const_charp text)
-{
-	struct picture *p = png_get_error_ptr(png);
-
-	if (!p->err->code)
-		err_set(p->err, ERR_INTERNAL, "the picture cannot be encoded: %s", text);
-	png_longjmp(png, 1);
-}
-
-static void png_warn(png_structp png, png_const_charp text) {}
-
 struct frame {
 	uint32_t x0, y0, x1, y1;
 };
@@ -135,32 +113,15 @@ static struct frame covered(const struct format_raster *r)
 	return f.x1 ? f : (struct frame){0, 0, 1, 1};
 }
 
-static int png_encode(struct picture *p, const struct format_paint *paint, struct frame f, uint8_t *row)
+static int png_encode(struct picture *p, const struct format_paint *paint, struct frame f, uint8_t *row, struct err *err)
 {
-	png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, p, png_fail, png_warn);
-	png_infop info = png ? png_create_info_struct(png) : NULL;
+	int r = format_png_begin(&p->file, p->out, f.x1 - f.x0, f.y1 - f.y0, true, err);
 
-	if (!info) {
-		png_destroy_write_struct(&png, NULL);
-		return err_set(p->err, ERR_NOMEM, "no memory to encode a picture");
-	}
-	if (setjmp(png_jmpbuf(png))) {
-		png_destroy_write_struct(&png, &info);
-		return -p->err->code;
-	}
-	png_set_write_fn(png, p, png_put, png_put_flush);
-	png_set_user_limits(png, 0x7fffffff, 0x7fffffff);
-	png_set_IHDR(png, info, f.x1 - f.x0, f.y1 - f.y0, 8, PNG_COLOR_TYPE_RGB_ALPHA, PNG_INTERLACE_NONE,
-		     PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-	png_set_compression_level(png, 4);
-	png_write_info(png, info);
-	for (uint32_t y = f.y0; y < f.y1; y++) {
+	for (uint32_t y = f.y0; y < f.y1 && !r; y++) {
 		format_paint_row(paint, y, f.x0, f.x1, row);
-		png_write_row(png, row);
+		r = format_png_row(&p->file, row, err);
 	}
-	png_write_end(png, info);
-	png_destroy_write_struct(&png, &info);
-	return 0;
+	return r ? r : format_png_end(&p->file, err);
 }
 
 static int png_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
@@ -178,8 +139,7 @@ static int png_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 	if (!row)
 		return err_set(err, ERR_NOMEM, "no memory to encode a picture");
 	format_paint_init(&paint, &p->raster, &p->head, p->opt.color);
-	p->err = err;
-	r = png_encode(p, &paint, f, row);
+	r = png_encode(p, &paint, f, row, err);
 	free(row);
 	return r;
 }
@@ -199,6 +159,7 @@ static void *png_free_writer(void *writer)
 	if (p) {
 		format_raster_done(&p->raster);
 		format_png_cell_free(p->cell);
+		format_png_done(&p->file);
 	}
 	free(p);
 	return NULL;

@@ -4,16 +4,14 @@
  *
  * Memory is that of a raster, not of the picture. Numbers have no place in 8 bits: heights and slopes are written as tif.
  */
-#include <setjmp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <png.h>
-
 #include "err.h"
 #include "format_dem.h"
 #include "format_png.h"
+#include "format_png_file.h"
 #include "format_text.h"
 #include "outfile.h"
 
@@ -21,9 +19,7 @@ struct format_png_cell {
 	struct format_options opt;
 	struct dem *dem;
 	struct dem_frame frame;
-	png_structp png;
-	png_infop info;
-	struct err *err; /* of the running call, for libpng's callbacks */
+	struct format_png_file file;
 };
 
 static int check(const struct format_options *opt, struct err *err)
@@ -82,70 +78,22 @@ int format_png_cell_block(struct format_png_cell *p, const struct format_block *
 
 /* ---- the picture ---- */
 
-static void put(png_structp png, png_bytep bytes, png_size_t n)
-{
-	struct format_png_cell *p = png_get_io_ptr(png);
-
-	if (outfile_write(p->frame.out, bytes, n, p->err))
-		png_error(png, "output");
-}
-
-static void put_flush(png_structp png) {}
-
-static void fail(png_structp png, png_const_charp text)
-{
-	struct format_png_cell *p = png_get_error_ptr(png);
-
-	if (!p->err->code)
-		err_set(p->err, ERR_INTERNAL, "the picture cannot be encoded: %s", text);
-	png_longjmp(png, 1);
-}
-
-static void warn(png_structp png, png_const_charp text) {}
-
 static int begin(void *ctx, const struct dem_frame *frame, struct err *err)
 {
 	struct format_png_cell *p = ctx;
 
 	p->frame = *frame;
-	p->err = err;
-	if (p->png)
-		png_destroy_write_struct(&p->png, &p->info);
-	p->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, p, fail, warn);
-	p->info = p->png ? png_create_info_struct(p->png) : NULL;
-	if (!p->info)
-		return err_set(err, ERR_NOMEM, "no memory to encode a picture");
-	if (setjmp(png_jmpbuf(p->png)))
-		return -(int)err->code;
-	png_set_write_fn(p->png, p, put, put_flush);
-	png_set_user_limits(p->png, 0x7fffffff, 0x7fffffff);
-	png_set_IHDR(p->png, p->info, (png_uint_32)frame->width, (png_uint_32)frame->height, 8, PNG_COLOR_TYPE_GRAY_ALPHA,
-		     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-	png_set_compression_level(p->png, 4);
-	png_write_info(p->png, p->info);
-	return 0;
+	return format_png_begin(&p->file, frame->out, frame->width, frame->height, false, err);
 }
 
 static int put_row(void *ctx, const uint8_t *grey, struct err *err)
 {
-	struct format_png_cell *p = ctx;
-
-	p->err = err;
-	if (setjmp(png_jmpbuf(p->png)))
-		return -(int)err->code;
-	png_write_row(p->png, grey);
-	return 0;
+	return format_png_row(&((struct format_png_cell *)ctx)->file, grey, err);
 }
 
 static int end(void *ctx, struct err *err)
 {
-	struct format_png_cell *p = ctx;
-
-	p->err = err;
-	if (setjmp(png_jmpbuf(p->png)))
-		return -(int)err->code;
-	png_write_end(p->png, p->info);
-	return 0;
+	return format_png_end(&((struct format_png_cell *)ctx)->file, err);
 }
 
 int format_png_cell_finish(struct format_png_cell *p, const struct acut_mesh_tail *tail, struct err *err)
@@ -169,8 +117,7 @@ struct format_png_cell *format_png_cell_free(struct format_png_cell *p)
 {
 	if (!p)
 		return NULL;
-	if (p->png)
-		png_destroy_write_struct(&p->png, &p->info);
+	format_png_done(&p->file);
 	dem_free(p->dem);
 	free(p);
 	return NULL;

@@ -12,38 +12,20 @@
 #include <stdlib.h>
 
 #include "levels_priv.h"
+#include "morton.h"
 
 /* ---- codes ---- */
-
-static uint64_t spread(uint64_t n)
-{
-	n = (n | n << 16) & 0x0000ffff0000ffffu;
-	n = (n | n << 8) & 0x00ff00ff00ff00ffu;
-	n = (n | n << 4) & 0x0f0f0f0f0f0f0f0fu;
-	n = (n | n << 2) & 0x3333333333333333u;
-	return (n | n << 1) & 0x5555555555555555u;
-}
-
-static uint64_t gather(uint64_t n)
-{
-	n &= 0x5555555555555555u;
-	n = (n | n >> 1) & 0x3333333333333333u;
-	n = (n | n >> 2) & 0x0f0f0f0f0f0f0f0fu;
-	n = (n | n >> 4) & 0x00ff00ff00ff00ffu;
-	n = (n | n >> 8) & 0x0000ffff0000ffffu;
-	return (n | n >> 16) & 0xffffffffu;
-}
 
 uint64_t levels_key(const struct levels *lv, const uint32_t at[3][2])
 {
 	uint64_t x = ((uint64_t)at[0][0] + at[1][0] + at[2][0]) / 3, y = ((uint64_t)at[0][1] + at[1][1] + at[2][1]) / 3;
 
-	return (spread(x) | spread(y) << 1) << (64 - 2 * lv->bits);
+	return morton_code((uint32_t)x, (uint32_t)y) << (64 - 2 * lv->bits);
 }
 
 uint64_t levels_place_key(const uint32_t at[2])
 {
-	return spread(at[0]) | spread(at[1]) << 1;
+	return morton_code(at[0], at[1]);
 }
 
 unsigned levels_common(uint64_t a, uint64_t b)
@@ -68,8 +50,8 @@ void levels_corner(const struct levels *lv, const struct levels_cell *cell, uint
 {
 	uint64_t code = cell->key >> (64 - 2 * lv->bits);
 
-	ret[0] = gather(code);
-	ret[1] = gather(code >> 1);
+	ret[0] = morton_gather(code);
+	ret[1] = morton_gather(code >> 1);
 }
 
 uint64_t levels_side(const struct levels *lv, const struct levels_cell *cell)

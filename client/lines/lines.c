@@ -191,17 +191,16 @@ struct lines *lines_close(struct lines *l)
 	return NULL;
 }
 
-/* ---- layers ---- */
-
-bool lines_wants(const struct lines *l, const char *layer)
+void lines_free_state(struct lines *l)
 {
-	return !l->has_layer || !strcasecmp(l->layer_name, layer);
+	free(l->state);
 }
 
-/* FNV-1a. */
-static uint32_t hash_of(const char *name)
+/* ---- layers ---- */
+
+uint32_t lines_hash(const char *name)
 {
-	uint32_t h = 2166136261u;
+	uint32_t h = 2166136261u; /* FNV-1a */
 
 	for (size_t i = 0; name[i] && i < LINES_NAME_SIZE - 1; i++)
 		h = (h ^ (uint8_t)name[i]) * 16777619u;
@@ -216,7 +215,7 @@ int lines_too_many_layers(struct err *err)
 
 int lines_layer(struct lines *l, const char *name, struct lines_layer **ret, struct err *err)
 {
-	uint32_t hash = hash_of(name);
+	uint32_t hash = lines_hash(name);
 	struct lines_layer *new;
 
 	for (size_t i = l->nlayers; i > 0; i--)
@@ -233,7 +232,7 @@ int lines_layer(struct lines *l, const char *name, struct lines_layer **ret, str
 		return err_set(err, ERR_NOMEM, "no memory for layers");
 	snprintf(new->name, sizeof new->name, "%s", name);
 	new->index = (unsigned)l->nlayers;
-	new->selected = lines_wants(l, new->name);
+	new->selected = !l->has_layer || !strcasecmp(l->layer_name, new->name);
 	new->crs.wkt = new->crs.from = "";
 	l->layer_hash[l->nlayers] = hash;
 	l->layer[l->nlayers++] = *ret = new;

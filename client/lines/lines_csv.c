@@ -264,11 +264,6 @@ static int next_csv(struct lines *l, bool *ret_more, struct err *err)
 	return rc;
 }
 
-static void close_csv(struct lines *l)
-{
-	free(l->state);
-}
-
 /* ---- whether a text of points is one of lines ---- */
 
 enum { NAMES = 4096 };
@@ -281,18 +276,9 @@ struct names {
 	bool strange; /* a name has one row, or returns: so they are of points */
 };
 
-static uint32_t hash_of(const char *name)
-{
-	uint32_t h = 2166136261u; /* FNV-1a */
-
-	for (; *name; name++)
-		h = (h ^ (uint8_t)*name) * 16777619u;
-	return h;
-}
-
 static void add_name(struct names *t, const char *name, bool same)
 {
-	uint32_t hash = hash_of(name);
+	uint32_t hash = lines_hash(name);
 
 	if (same) {
 		t->rows++;
@@ -356,5 +342,5 @@ const struct lines_reader lines_csv_reader = {
 	.matches = matches,
 	.open = open_csv,
 	.next = next_csv,
-	.close = close_csv,
+	.close = lines_free_state,
 };

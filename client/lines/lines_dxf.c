@@ -195,11 +195,6 @@ static int next_dxf(struct lines *l, bool *ret_more, struct err *err)
 	return rc;
 }
 
-static void close_dxf(struct lines *l)
-{
-	free(l->state);
-}
-
 const struct lines_reader lines_dxf_reader = {
 	.name = "dxf",
 	.title = "DXF",
@@ -208,5 +203,5 @@ const struct lines_reader lines_dxf_reader = {
 	.matches = matches,
 	.open = open_dxf,
 	.next = next_dxf,
-	.close = close_dxf,
+	.close = lines_free_state,
 };

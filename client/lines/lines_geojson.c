@@ -459,11 +459,6 @@ static int next_geojson(struct lines *l, bool *ret_more, struct err *err)
 	return 0;
 }
 
-static void close_geojson(struct lines *l)
-{
-	free(l->state);
-}
-
 const struct lines_reader lines_geojson_reader = {
 	.name = "geojson",
 	.title = "GeoJSON",
@@ -472,5 +467,5 @@ const struct lines_reader lines_geojson_reader = {
 	.matches = matches,
 	.open = open_geojson,
 	.next = next_geojson,
-	.close = close_geojson,
+	.close = lines_free_state,
 };

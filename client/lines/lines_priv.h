@@ -22,6 +22,8 @@ struct lines_reader {
 };
 extern const struct lines_reader lines_shape_reader, lines_geojson_reader, lines_gpkg_reader, lines_dxf_reader,
 	lines_landxml_reader, lines_csv_reader;
+void lines_free_state(struct lines *); /* `close` of a reader whose state is one piece of memory */
+uint32_t lines_hash(const char *name); /* as far as the name of a layer goes */
 /* The beginning of a text: lines_may_be. `whole`: there is no more of it. */
 bool lines_csv_may_be(const char *text, size_t n, bool whole);
 
@@ -74,8 +76,6 @@ void lines_end(struct lines *);
 /* The layer of this name, made if it is new. */
 int lines_layer(struct lines *, const char *name, struct lines_layer **ret, struct err *);
 int lines_too_many_layers(struct err *err);
-/* Features of a layer of this name are wanted. */
-bool lines_wants(const struct lines *, const char *layer);
 /* The file's own name without folder and extension. */
 void lines_stem(const struct lines *, char ret[LINES_NAME_SIZE]);
 /* -ERR_CANCELLED if the caller wants no more. */

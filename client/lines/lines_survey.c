@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "grow.h"
 
 static void note(struct lines_survey_list *list, const char *name, const struct lines_feature *f)
 {
@@ -29,19 +30,10 @@ static void note(struct lines_survey_list *list, const char *name, const struct 
 /* The counts of the feature's layer, after those of all layers before it. */
 static int counts_of(struct lines_survey *s, const struct lines_layer *layer, struct lines_counts **ret, struct err *err)
 {
-	size_t need = (size_t)layer->index + 1;
-
-	if (need > s->room) {
-		size_t room = need > 2 * s->room ? need : 2 * s->room;
-		void *more = realloc(s->layer, room * sizeof(*s->layer));
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for layers");
-		s->layer = more;
-		memset(s->layer + s->room, 0, (room - s->room) * sizeof(*s->layer));
-		s->room = room;
-	}
-	s->nlayers = need > s->nlayers ? need : s->nlayers;
+	if (!grow(&s->layer, &s->room, (size_t)layer->index + 1, 16, sizeof(*s->layer)))
+		return err_set(err, ERR_NOMEM, "no memory for layers");
+	while (s->nlayers <= layer->index)
+		memset(&s->layer[s->nlayers++], 0, sizeof(*s->layer));
 	s->layer[layer->index].layer = layer;
 	*ret = &s->layer[layer->index].counts;
 	return 0;

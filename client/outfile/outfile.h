@@ -110,7 +110,8 @@ int outfile_shared_sync(struct outfile *, struct err *err);
  * that lists them: with no_clobber a folder that has one is an error. */
 struct outfile_folder;
 int outfile_folder_new(const char *dir, const char *index, bool no_clobber, struct outfile_folder **ret, struct err *err);
-/* One of several folders with files for `dir`, named by its tag: .tiles.TAG.part. It takes no lock. With `joins` it is that of
+/* One of several folders with files for `dir`, named by its tag: .tiles.TAG.part. It takes no lock. Without
+ * a tag it is outfile_folder_new. With `joins` it is that of
  * the process which moves the files of all of them (outfile_folder_settle). Else clear and move do nothing, and it stays where
  * outfile_folder_keep was called. */
 int outfile_folder_hold(const char *dir, const char *index, bool no_clobber, const char *tag, bool joins,

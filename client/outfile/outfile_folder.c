@@ -100,8 +100,8 @@ static void inner_name(const char *tag, char *buf, size_t size)
 	snprintf(buf, size, ".tiles.%s.part", tag);
 }
 
-static int folder_new(const char *dir, const char *index, bool no_clobber, const char *tag, bool joins,
-		      struct outfile_folder **ret, struct err *err)
+int outfile_folder_hold(const char *dir, const char *index, bool no_clobber, const char *tag, bool joins,
+			struct outfile_folder **ret, struct err *err)
 {
 	struct outfile_folder *p = calloc(1, sizeof(*p));
 	int r = 0;
@@ -133,13 +133,7 @@ static int folder_new(const char *dir, const char *index, bool no_clobber, const
 
 int outfile_folder_new(const char *dir, const char *index, bool no_clobber, struct outfile_folder **ret, struct err *err)
 {
-	return folder_new(dir, index, no_clobber, NULL, false, ret, err);
-}
-
-int outfile_folder_hold(const char *dir, const char *index, bool no_clobber, const char *tag, bool joins,
-			struct outfile_folder **ret, struct err *err)
-{
-	return folder_new(dir, index, no_clobber, tag, joins, ret, err);
+	return outfile_folder_hold(dir, index, no_clobber, NULL, false, ret, err);
 }
 
 int outfile_folder_file(const struct outfile_folder *p, const char *name, struct outfile **ret, struct err *err)

@@ -178,10 +178,6 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	}
 	if (!r)
 		r = format->open(t->out, opt, &t->writer, err);
-	if (!r && opt->canonical)
-		r = outputs_canonical_new(format, t->writer, t->out, run->opt.sort_memory, &t->canonical, err);
-	if (!r && opt->canonical)
-		outputs_canonical_interrupt(t->canonical, run->opt.interrupted, run->opt.ctx);
 	if (r) {
 		if (path)
 			err_add_file(err, path);
@@ -194,11 +190,13 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	return trim(run, t->out, err);
 }
 
-static int target_head(struct outputs_target *t, const struct acut_mesh_head *head, struct err *err)
+static int target_head(const struct outputs *run, struct outputs_target *t, const struct acut_mesh_head *head, struct err *err)
 {
 	int r = t->format->head(t->writer, head, err);
 
-	return r || !t->canonical ? r : outputs_canonical_head(t->canonical, t->out, head->lines, err);
+	return r || !t->opt.canonical ? r :
+					outputs_canonical_new(t->format, t->writer, t->out, &run->opt, run->opt.sort_memory,
+							      head->lines ? OUTPUTS_LINES : 0, &t->canonical, err);
 }
 
 static int run_head(void *ctx, const struct acut_mesh_head *head)
@@ -217,7 +215,7 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 	if (!r && run->opt.share_of)
 		return outputs_share_head(run, head, &run->err);
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
-		r = target_head(t, head, &run->err);
+		r = target_head(run, t, head, &run->err);
 	if (!r && run->change)
 		r = outputs_change_head(run->change, head, &run->err);
 	if (!r && run->levels)
@@ -274,6 +272,7 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 struct outputs_left *outputs_left_by(struct outputs *run, enum outputs_reason reason)
 {
 	struct outputs_left *joined = run->opt.joins ? &run->joined.left[reason] : NULL;
+	enum outputs_cut cut;
 
 	switch (reason) {
 	case OUTPUTS_BY_HULL:
@@ -281,13 +280,11 @@ struct outputs_left *outputs_left_by(struct outputs *run, enum outputs_reason re
 			return NULL;
 		return joined ? joined : run->hull ? (struct outputs_left *)outputs_hull_left(run->hull) : NULL;
 	case OUTPUTS_BY_MASK:
-		if (!*outputs_mask_digest(run->mask, OUTPUTS_MASK))
-			return NULL;
-		return joined ? joined : outputs_mask_left(run->mask, OUTPUTS_MASK);
 	case OUTPUTS_BY_ERASE:
-		if (!*outputs_mask_digest(run->mask, OUTPUTS_ERASE))
+		cut = reason == OUTPUTS_BY_MASK ? OUTPUTS_MASK : OUTPUTS_ERASE;
+		if (!*outputs_mask_digest(run->mask, cut))
 			return NULL;
-		return joined ? joined : outputs_mask_left(run->mask, OUTPUTS_ERASE);
+		return joined ? joined : outputs_mask_left(run->mask, cut);
 	default:
 		return run->opt.max_edge.given ? &run->edge.left : NULL;
 	}
@@ -347,12 +344,10 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 	if (!r && run->change)
 		r = outputs_change_tail(run->change, &run->err);
 	if (!r && run->tiles)
-		r = outputs_tiles_tail(run->tiles, tail, &run->err);
+		outputs_tail_copy(&run->tiles->tail, tail);
 	if (!r && run->levels)
 		outputs_levels_tail(run->levels, &written);
-	run->tail = *tail;
-	snprintf(run->digest, sizeof(run->digest), "%s", tail->digest);
-	snprintf(run->vertex_digest, sizeof(run->vertex_digest), "%s", tail->vertex_digest);
+	outputs_tail_copy(&run->tail, tail);
 	run->finished = !r;
 	return r;
 }
@@ -439,7 +434,7 @@ uint32_t outputs_no_lines(const struct outputs *run)
 
 	for (const struct outputs_target *t = run->target; t; t = t->next, i++)
 		bits |= (uint32_t)(t->format->lines && !t->format->lines(t->writer)) << i;
-	return run->tiles && run->tiles->format->lines && !outputs_tiles_count(run->tiles) ? 1 : bits;
+	return run->tiles && run->tiles->format->lines && !run->tiles->ntile ? 1 : bits;
 }
 
 struct format_simplified outputs_simplified(const struct outputs *run)
@@ -470,7 +465,7 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 		.bytes = run->bytes,
 		.left_out = count_of(run, &left),
 		.all_left_out = left.triangles && left.triangles == run->all_triangles,
-		.tiles = run->tiles  ? outputs_tiles_count(run->tiles) :
+		.tiles = run->tiles  ? run->tiles->ntile :
 			 run->levels ? outputs_levels_count(run->levels) :
 				       run->joined.tiles,
 		.no_lines = outputs_no_lines(run),

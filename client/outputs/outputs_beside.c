@@ -16,7 +16,7 @@
 
 #define SIDECAR "+.json"
 
-/* ---- the head of the stream ---- */
+/* ---- head and tail of the stream ---- */
 
 int outputs_head_copy(struct outputs_head *to, const struct acut_mesh_head *head, struct err *err)
 {
@@ -40,6 +40,16 @@ void outputs_head_done(struct outputs_head *h)
 	for (unsigned i = 0; i < sizeof(h->text) / sizeof(h->text[0]); i++)
 		free(h->text[i]);
 	memset(h, 0, sizeof(*h));
+}
+
+void outputs_tail_copy(struct outputs_tail *to, const struct acut_mesh_tail *tail)
+{
+	to->is = *tail;
+	snprintf(to->digest, sizeof(to->digest), "%s", tail->digest);
+	snprintf(to->vertex_digest, sizeof(to->vertex_digest), "%s", tail->vertex_digest);
+	to->is.digest = to->digest;
+	to->is.vertex_digest = to->vertex_digest;
+	to->is.report = "{}";
 }
 
 /* ---- names ---- */
@@ -146,7 +156,7 @@ static void put_options(FILE *f, const struct outputs_target *t)
 
 static void put_mesh(FILE *f, const struct outputs *run, const struct outputs_report *report)
 {
-	const struct acut_mesh_tail *tail = &run->tail;
+	const struct acut_mesh_tail *tail = &run->tail.is;
 	char number[DECIMAL_TEXT_SIZE];
 
 	fprintf(f, ",\n\"vertices\":%llu,\"triangles\":%llu,", (unsigned long long)tail->vertices,
@@ -155,7 +165,7 @@ static void put_mesh(FILE *f, const struct outputs *run, const struct outputs_re
 	fputs(",\"trimmed\":", f);
 	outputs_geojson_text(f, run->trimmed);
 	fprintf(f, ",\n\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"mesh_digest\":\"%s\",\n\"box\":", run->written,
-		run->vertex_digest, run->digest);
+		tail->vertex_digest, tail->digest);
 	for (int k = 0; k < 6 && tail->vertices; k++)
 		fprintf(f, "%s%s", k ? "," : "[", acut_coordinate_text(&run->head.is, k % 3, tail->box[k], number));
 	fputs(tail->vertices ? "]" : "null", f);

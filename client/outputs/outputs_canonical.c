@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "grow.h"
 #include "outputs_priv.h"
 
 #define PAGE_KEYS 512
@@ -27,11 +28,8 @@ struct outputs_canonical {
 	const struct format *format;
 	void *writer;
 	struct sort *vertices, *triangles;
-	struct outfile *keys; /* of the vertices, in order */
-	size_t words;         /* of a record of it: 1, or 2 with positions */
-	uint64_t memory;
-	int (*interrupted)(void *ctx); /* NULL, or not 0: give up */
-	void *ctx;
+	struct outfile *keys;     /* of the vertices, in order */
+	size_t words;             /* of a record of it: 1, or 2 with positions */
 	bool lines;               /* triangles have flags */
 	bool merge;               /* the same vertex comes more than once */
 	uint64_t nvertex, *first; /* first key of each page */
@@ -54,22 +52,27 @@ static uint64_t key_of(const int32_t *p)
 	return (uint64_t)((uint32_t)p[0] ^ 1u << 31) << 32 | ((uint32_t)p[1] ^ 1u << 31);
 }
 
-int outputs_canonical_new(const struct format *format, void *writer, const struct outfile *beside, uint64_t memory,
-			  struct outputs_canonical **ret, struct err *err)
+int outputs_canonical_new(const struct format *format, void *writer, const struct outfile *beside,
+			  const struct outputs_options *run, uint64_t memory, unsigned how, struct outputs_canonical **ret,
+			  struct err *err)
 {
 	struct outputs_canonical *c = calloc(1, sizeof(*c));
 	int r = c ? 0 : err_set(err, ERR_NOMEM, "no memory to sort with");
 
 	if (!r)
-		c->memory = memory;
-	if (!r)
 		r = sort_new(2, 1, memory / 3, beside, &c->vertices, err);
+	if (!r)
+		r = sort_new(CORNERS + !!(how & OUTPUTS_LINES), CORNERS, memory - memory / 3, beside, &c->triangles, err);
 	if (!r)
 		r = outfile_spool(beside, &c->keys, err);
 	if (!r) {
 		c->format = format;
 		c->writer = writer;
 		c->words = format->positions ? 2 : 1;
+		c->lines = how & OUTPUTS_LINES;
+		c->merge = how & OUTPUTS_MERGE;
+		sort_interrupt(c->vertices, run->interrupted, run->ctx);
+		sort_interrupt(c->triangles, run->interrupted, run->ctx);
 		c->page = calloc(PAGES, sizeof(*c->page));
 		c->recent = calloc(RECENT, sizeof(*c->recent));
 		c->foreign = malloc(3 * PIECE * sizeof(*c->foreign));
@@ -85,28 +88,6 @@ int outputs_canonical_new(const struct format *format, void *writer, const struc
 	}
 	*ret = c;
 	return 0;
-}
-
-int outputs_canonical_head(struct outputs_canonical *c, const struct outfile *beside, bool lines, struct err *err)
-{
-	int r = sort_new(CORNERS + lines, CORNERS, c->memory - c->memory / 3, beside, &c->triangles, err);
-
-	c->lines = lines;
-	if (!r)
-		sort_interrupt(c->triangles, c->interrupted, c->ctx);
-	return r;
-}
-
-void outputs_canonical_interrupt(struct outputs_canonical *c, int (*interrupted)(void *ctx), void *ctx)
-{
-	c->interrupted = interrupted;
-	c->ctx = ctx;
-	sort_interrupt(c->vertices, interrupted, ctx);
-}
-
-void outputs_canonical_merge(struct outputs_canonical *c)
-{
-	c->merge = true;
 }
 
 int outputs_canonical_block(struct outputs_canonical *c, const struct format_block *block, struct err *err)
@@ -137,14 +118,8 @@ int outputs_canonical_block(struct outputs_canonical *c, const struct format_blo
 
 static int first_add(struct outputs_canonical *c, uint64_t key, struct err *err)
 {
-	if (c->npage == c->first_room) {
-		size_t room = c->first_room ? 2 * c->first_room : 1024;
-		void *grown = realloc(c->first, room * sizeof(*c->first));
-		if (!grown)
-			return err_set(err, ERR_NOMEM, "no memory for an index of %zu pages", room);
-		c->first = grown;
-		c->first_room = room;
-	}
+	if (!grow(&c->first, &c->first_room, c->npage + 1, 1024, sizeof(*c->first)))
+		return err_set(err, ERR_NOMEM, "no memory for an index of %zu pages", c->npage + 1);
 	c->first[c->npage++] = key;
 	return 0;
 }

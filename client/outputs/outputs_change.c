@@ -23,10 +23,10 @@ typedef __int128 i128;
 struct outputs_change {
 	struct outfile *out; /* NULL: nothing is written */
 	struct format_options opt;
-	struct acut_mesh_head head; /* its texts are in here: */
-	char *lattice, *crs, unit_xy[64], unit_z[64];
-	struct decimal half; /* of the lattice's xy scale */
-	int64_t metric[3];   /* P, Q, K; K 0: none */
+	struct outputs_head copy;
+	struct acut_mesh_head head; /* of the copy */
+	struct decimal half;        /* of the lattice's xy scale */
+	int64_t metric[3];          /* P, Q, K; K 0: none */
 	char digest[4][DIGEST_HEX_SIZE];
 	struct outputs_changes_counts counts;
 	bool any;  /* a feature is written */
@@ -68,8 +68,7 @@ struct outputs_change *outputs_change_free(struct outputs_change *c)
 	if (!c)
 		return NULL;
 	outfile_free(c->out);
-	free(c->lattice);
-	free(c->crs);
+	outputs_head_done(&c->copy);
 	free(c);
 	return NULL;
 }
@@ -90,18 +89,11 @@ static bool metric_of(const char *view, int64_t ret[3])
 
 int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *head, struct err *err)
 {
-	c->head = *head;
-	c->lattice = strdup(head->lattice ? head->lattice : "");
-	c->crs = strdup(head->crs ? head->crs : "");
-	if (!c->lattice || !c->crs)
-		return err_set(err, ERR_NOMEM, "no memory for changes");
-	snprintf(c->unit_xy, sizeof(c->unit_xy), "%s", head->unit_xy ? head->unit_xy : "");
-	snprintf(c->unit_z, sizeof(c->unit_z), "%s", head->unit_z ? head->unit_z : "");
-	c->head.lattice = c->lattice;
-	c->head.crs = c->crs;
-	c->head.unit_xy = c->unit_xy;
-	c->head.unit_z = c->unit_z;
-	c->head.vertical = c->head.wkt = c->head.geoid = NULL; /* not kept */
+	int r = outputs_head_copy(&c->copy, head, err);
+
+	if (r)
+		return r;
+	c->head = c->copy.is;
 	if (!metric_of(head->view, c->metric))
 		return err_set(err, ERR_PROTO, "the metric of the stream's view is none");
 	if (!decimal_parse(head->scale_xy, &c->half) || c->half.mantissa <= 0 || c->half.mantissa > INT64_MAX / 5)
@@ -229,7 +221,7 @@ int outputs_change_base(struct outputs_change *c, const struct acut_mesh_base *b
 	if (r)
 		return r < 0 ? r : 0;
 	fputs("{\"type\":\"FeatureCollection\",\"name\":\"acut-changes\",\n", p.f);
-	outputs_geojson_crs(p.f, c->crs);
+	outputs_geojson_crs(p.f, c->head.crs);
 	fputs("\"features\":[", p.f);
 	return outputs_page_end(&p, c->out, err);
 }
@@ -239,7 +231,7 @@ int outputs_change_gone(struct outputs_change *c, const struct acut_mesh_region 
 	return feature(c, "gone", g->box, g->triangles, g->digest, err);
 }
 
-static int close_region(struct outputs_change *c, struct err *err)
+int outputs_change_tail(struct outputs_change *c, struct err *err)
 {
 	char digest[DIGEST_HEX_SIZE];
 
@@ -255,7 +247,7 @@ static int close_region(struct outputs_change *c, struct err *err)
 int outputs_change_block(struct outputs_change *c, const struct format_block *block, struct err *err)
 {
 	const struct acut_mesh_block *b = block->mesh;
-	int r = c->open && (b->index != c->index || memcmp(b->box, c->box, sizeof(c->box))) ? close_region(c, err) : 0;
+	int r = c->open && (b->index != c->index || memcmp(b->box, c->box, sizeof(c->box))) ? outputs_change_tail(c, err) : 0;
 
 	if (!c->open) {
 		c->index = b->index;
@@ -275,11 +267,6 @@ int outputs_change_block(struct outputs_change *c, const struct format_block *bl
 		digest_add_triangles(&c->sum, (const uint64_t(*)[3])place, 1, c->head.k);
 	}
 	return r;
-}
-
-int outputs_change_tail(struct outputs_change *c, struct err *err)
-{
-	return close_region(c, err);
 }
 
 static int foot(struct outputs_change *c, const struct outputs_origin *origin, struct err *err)

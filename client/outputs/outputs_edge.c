@@ -261,17 +261,6 @@ void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 		packer_f64(p, ed->area[i]);
 }
 
-void outputs_edge_load(struct outputs_edge *ed, struct cursor *c)
-{
-	outputs_left_load(&ed->left, c);
-	ed->longest = cursor_f64(c);
-	ed->count = cursor_u64(c);
-	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
-		ed->bucket[i] = cursor_u64(c);
-	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
-		ed->area[i] = cursor_f64(c);
-}
-
 void outputs_edge_add(struct outputs_edge *ed, struct cursor *c)
 {
 	struct outputs_left left;

@@ -18,10 +18,8 @@ int outputs_page_start(struct outputs_page *p, struct err *err)
 
 int outputs_page_end(struct outputs_page *p, struct outfile *to, struct err *err)
 {
-	int r = fclose(p->f) ? err_set(err, ERR_NOMEM, "no memory for an index") : 0;
+	int r = fclose(p->f) ? err_set(err, ERR_NOMEM, "no memory for an index") : outputs_beside_write(to, p->text, err);
 
-	for (size_t at = 0; at < p->size && !r; at += 65536)
-		r = outfile_write(to, p->text + at, p->size - at < 65536 ? p->size - at : 65536, err);
 	free(p->text);
 	return r;
 }

@@ -104,38 +104,30 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 static const struct outputs_target *first_not_kept(const struct outputs *run)
 {
 	for (const struct outputs_target *t = run->target; t; t = t->next)
-		if (!t->out || t->canonical || !t->format->save || !outfile_part_can(t->out))
+		if (!t->out || t->opt.canonical || !t->format->save || !outfile_part_can(t->out))
 			return t;
 	return NULL;
 }
 
 static int cannot(const struct outputs *run, const struct outputs_target *t, struct err *err)
 {
-	if (run->change) {
-		err_set(err, ERR_USAGE, "a fetch of changes cannot be resumed");
-		return err_add_hint(err, "fetch it again, without --resume");
-	}
-	if (run->tiles) {
-		err_set(err, ERR_USAGE, "tiles are sorted at the end: a fetch cannot be resumed with --tile");
-		return err_add_hint(err, "fetch it again, without --resume");
-	}
-	if (run->levels) {
-		err_set(err, ERR_USAGE, "levels of detail are sorted at the end: a fetch cannot be resumed with --levels");
-		return err_add_hint(err, "fetch it again, without --resume");
-	}
-	if (run->hull) {
-		err_set(err, ERR_USAGE, "--trim-hull decides at the end: a fetch cannot be resumed with it");
-		return err_add_hint(err, "fetch it again, without --resume");
-	}
-	if (!t)
+	const char *run_cannot = run->change ? "a fetch of changes cannot be resumed" :
+				 run->tiles  ? "tiles are sorted at the end: a fetch cannot be resumed with --tile" :
+				 run->levels ? "levels of detail are sorted at the end: a fetch cannot be resumed with --levels" :
+				 run->hull   ? "--trim-hull decides at the end: a fetch cannot be resumed with it" :
+					       NULL;
+
+	if (run_cannot)
+		err_set(err, ERR_USAGE, "%s", run_cannot);
+	else if (!t)
 		return err_set(err, ERR_USAGE, "there is no output to go on with");
-	if (t->canonical)
+	else if (t->opt.canonical)
 		err_set(err, ERR_USAGE, "--canonical sorts at the end: a fetch cannot be resumed with it");
 	else if (!t->format->save)
 		err_set(err, ERR_USAGE, "a fetch into %s cannot be resumed", t->format->name);
 	else
 		err_set(err, ERR_USAGE, "only a fetch into a regular file can be resumed");
-	if (t->out)
+	if (!run_cannot && t->out)
 		err_add_file(err, outfile_name(t->out));
 	return err_add_hint(err, "fetch it again, without --resume");
 }
@@ -266,7 +258,7 @@ int outputs_keep_head(struct outputs *run, const struct acut_mesh_head *head, st
 		r = t->format->resume(t->writer, head, &saved, err);
 	}
 	if (!r) {
-		outputs_edge_load(&run->edge, &c);
+		outputs_edge_add(&run->edge, &c);
 		for (enum outputs_cut k = 0; k < OUTPUTS_CUTS; k++)
 			outputs_left_load(run->mask ? outputs_mask_left(run->mask, k) : &none, &c);
 		r = outputs_front_load(&run->front, &c, err);

@@ -21,8 +21,7 @@ struct outputs_levels {
 	struct levels *levels;
 	char name[300];
 	char *facts;
-	struct acut_mesh_tail tail;
-	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	struct outputs_tail tail;
 	uint64_t triangles;
 };
 
@@ -70,10 +69,7 @@ int outputs_levels_new(const char *dir, const struct format *format, const struc
 		return r ? r : err_set(err, ERR_NOMEM, "no memory for tiles");
 	t->opt = *opt;
 	name_of(dir, t->name, sizeof(t->name));
-	if (run->part)
-		r = outfile_folder_hold(dir, OUTPUTS_LEVELS_INDEX, opt->no_clobber, run->part, false, &t->place, err);
-	else
-		r = outfile_folder_new(dir, OUTPUTS_LEVELS_INDEX, opt->no_clobber, &t->place, err);
+	r = outfile_folder_hold(dir, OUTPUTS_LEVELS_INDEX, opt->no_clobber, run->part, false, &t->place, err);
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_LEVELS_INDEX, &t->index, err);
 	own.folder = t->place;
@@ -130,16 +126,12 @@ int outputs_levels_block(struct outputs_levels *t, const struct format_block *bl
 
 void outputs_levels_tail(struct outputs_levels *t, const struct acut_mesh_tail *tail)
 {
-	t->tail = *tail;
-	snprintf(t->digest, sizeof(t->digest), "%s", tail->digest);
-	snprintf(t->vertex_digest, sizeof(t->vertex_digest), "%s", tail->vertex_digest);
-	t->tail.digest = t->digest;
-	t->tail.vertex_digest = t->vertex_digest;
+	outputs_tail_copy(&t->tail, tail);
 }
 
 static int put_facts(struct outputs_levels *t, struct err *err)
 {
-	const uint64_t counts[2] = {t->tail.vertices, t->triangles};
+	const uint64_t counts[2] = {t->tail.is.vertices, t->triangles};
 	char *text = NULL;
 	size_t size = 0;
 	FILE *f = open_memstream(&text, &size);
@@ -150,7 +142,7 @@ static int put_facts(struct outputs_levels *t, struct err *err)
 		fputc(',', f);
 	}
 	r = !f || fclose(f) ? err_set(err, ERR_NOMEM, "no memory for tiles") :
-			      format_html_put_facts(t->index, t->facts, text, &t->tail, counts, err);
+			      format_html_put_facts(t->index, t->facts, text, &t->tail.is, counts, err);
 	free(text);
 	return r;
 }
@@ -177,7 +169,7 @@ int outputs_levels_publish(struct outputs_levels *t, uint64_t *bytes, struct err
 	size_t n;
 	int r;
 
-	snprintf(stamp, sizeof(stamp), "%.16s", t->digest);
+	snprintf(stamp, sizeof(stamp), "%.16s", t->tail.digest);
 	r = levels_make(t->levels, stamp, err);
 	n = levels_tiles(t->levels);
 	if (!r)

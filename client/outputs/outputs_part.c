@@ -12,6 +12,7 @@
 
 #include "cursor.h"
 #include "err.h"
+#include "grow.h"
 #include "outputs_priv.h"
 #include "outputs_tile.h"
 
@@ -23,17 +24,8 @@
 int outputs_moves_add(struct outputs_moves *m, const char *name, const char *part, const struct outfile_held *held,
 		      struct err *err)
 {
-	struct outputs_move *more;
-
-	if (m->n == m->room) {
-		size_t room = m->room ? 2 * m->room : 64;
-
-		more = realloc(m->move, room * sizeof(*more));
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for %zu outputs", room);
-		m->move = more;
-		m->room = room;
-	}
+	if (!grow(&m->move, &m->room, m->n + 1, 64, sizeof(*m->move)))
+		return err_set(err, ERR_NOMEM, "no memory for %zu outputs", m->n + 1);
 	m->move[m->n] = (struct outputs_move){strdup(name), part, *held};
 	if (!m->move[m->n].name)
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
@@ -66,6 +58,11 @@ int outputs_moves_settle(const struct outputs_moves *m, struct outfile_folder *p
 	return r;
 }
 
+int outputs_interrupted(const struct outputs_options *run, struct err *err)
+{
+	return run->interrupted && run->interrupted(run->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
+}
+
 int outputs_moves_look(const struct outputs_moves *m, const struct outputs_options *run, const struct outfile_folder *place,
 		       bool *ret_all, struct err *err)
 {
@@ -82,7 +79,7 @@ int outputs_moves_look(const struct outputs_moves *m, const struct outputs_optio
 		err_set(err, ERR_GONE, "the complete output %s is not there any more", file->name);
 		return err_add_file(err, file->name);
 	}
-	return run->interrupted && run->interrupted(run->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
+	return outputs_interrupted(run, err);
 }
 
 int outputs_part_file(struct outputs *run, const struct outfile *out, struct err *err)

@@ -93,8 +93,7 @@ double outputs_edge_share(const struct outputs_edge *, double length);
 double outputs_edge_area(const struct outputs_edge *, unsigned __int128 area2);
 void outputs_edge_done(struct outputs_edge *);
 void outputs_edge_save(const struct outputs_edge *, struct packer *); /* what was counted */
-void outputs_edge_load(struct outputs_edge *, struct cursor *);
-void outputs_edge_add(struct outputs_edge *, struct cursor *); /* likewise, to what is there */
+void outputs_edge_add(struct outputs_edge *, struct cursor *);        /* to what is there */
 
 /* ---- --trim-hull: outputs_hull.c ---- */
 
@@ -127,14 +126,11 @@ struct outputs_mask *outputs_mask_free(struct outputs_mask *);
 /* ---- --canonical: outputs_canonical.c ---- */
 
 struct outputs_canonical;
-int outputs_canonical_new(const struct format *, void *writer, const struct outfile *beside, uint64_t memory,
-			  struct outputs_canonical **ret, struct err *err);
-/* To be asked while it sorts; may be NULL. */
-void outputs_canonical_interrupt(struct outputs_canonical *, int (*interrupted)(void *ctx), void *ctx);
-/* Vertices come once for each triangle that has them, and are written once. */
-/* Before the first block. `lines`: triangles may have flags. */
-int outputs_canonical_head(struct outputs_canonical *, const struct outfile *beside, bool lines, struct err *err);
-void outputs_canonical_merge(struct outputs_canonical *);
+/* OUTPUTS_LINES: triangles may have flags. OUTPUTS_MERGE: vertices come once for each triangle that has them, and are written
+ * once. The run says what to ask while it sorts. */
+enum { OUTPUTS_LINES = 1, OUTPUTS_MERGE = 2 };
+int outputs_canonical_new(const struct format *, void *writer, const struct outfile *beside, const struct outputs_options *run,
+			  uint64_t memory, unsigned how, struct outputs_canonical **ret, struct err *err);
 int outputs_canonical_block(struct outputs_canonical *, const struct format_block *, struct err *err);
 /* Sends everything to the writer, in order, as blocks; the caller finishes the writer. */
 int outputs_canonical_finish(struct outputs_canonical *, struct err *err);
@@ -164,6 +160,13 @@ struct outputs_head {
 int outputs_head_copy(struct outputs_head *, const struct acut_mesh_head *, struct err *err);
 void outputs_head_done(struct outputs_head *);
 
+/* What it says last, without a report. */
+struct outputs_tail {
+	struct acut_mesh_tail is;
+	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+};
+void outputs_tail_copy(struct outputs_tail *, const struct acut_mesh_tail *);
+
 /* ---- parts: outputs_part.c ---- */
 
 /* A file that is complete and gets its name when the parts are joined: a path, or a name in the folder of the run. */
@@ -183,6 +186,7 @@ int outputs_moves_folder(struct outputs_moves *, const struct outfile_folder *, 
 /* Before they are settled. *ret_all: all have their names already. -ERR_GONE: one is neither here nor there. -ERR_CANCELLED. */
 int outputs_moves_look(const struct outputs_moves *, const struct outputs_options *, const struct outfile_folder *, bool *ret_all,
 		       struct err *err);
+int outputs_interrupted(const struct outputs_options *, struct err *err); /* -ERR_CANCELLED */
 int outputs_moves_settle(const struct outputs_moves *, struct outfile_folder *, struct err *err);
 
 /* What a run knows of the parts that it joins. */
@@ -227,8 +231,7 @@ struct outputs {
 	uint64_t all_triangles;        /* of the stream, after its tail */
 	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
 	struct outputs_head head;
-	struct acut_mesh_tail tail; /* with these digests */
-	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	struct outputs_tail tail;
 	struct outputs_front front;
 	struct outputs_hull *hull; /* NULL: nothing is trimmed */
 	struct outputs_mask *mask; /* NULL: there is neither --mask nor --erase */

@@ -19,6 +19,7 @@
 
 #include "err.h"
 #include "outputs_tile.h"
+#include "wide.h"
 
 #define SHARE 2 /* the sort of all has one of these of the memory, that of one tile the other */
 
@@ -67,10 +68,8 @@ int outputs_tiles_new(const char *dir, const struct format *format, const struct
 		t->size.mantissa *= 10;
 	if (t->size.exponent > 0 || t->size.exponent < -40)
 		r = err_set(err, ERR_USAGE, "--tile is no length that a mesh can have");
-	if (!r && run->part)
+	if (!r)
 		r = outfile_folder_hold(dir, OUTPUTS_TILES_INDEX, opt->no_clobber, run->part, run->joins, &t->place, err);
-	else if (!r)
-		r = outfile_folder_new(dir, OUTPUTS_TILES_INDEX, opt->no_clobber, &t->place, err);
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_TILES_INDEX, &t->index, err);
 	t->opt.tiled = true;
@@ -107,17 +106,10 @@ struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *t)
 
 /* ---- the grid ---- */
 
-static i128 floor_div(i128 a, i128 b)
-{
-	i128 d = a / b;
-
-	return d * b > a ? d - 1 : d;
-}
-
 /* The tile of an axis by the sum of three absolute lattice numbers: below 2^64 * 2^60. */
 static i128 tile_of(const struct outputs_grid *g, i128 sum)
 {
-	return floor_div(sum * (i128)g->q, (i128)g->p * 3);
+	return wide_floor(sum * (i128)g->q, (i128)g->p * 3);
 }
 
 static int lay_out(struct outputs_grid *g, const struct acut_mesh_head *h, struct err *err)
@@ -300,11 +292,6 @@ void outputs_tiles_order(struct outputs_tiles *t)
 	t->nslot = 0;
 }
 
-uint64_t outputs_tiles_count(const struct outputs_tiles *t)
-{
-	return t->ntile;
-}
-
 /* ---- triangles ---- */
 
 static void grow_box(int32_t box[6], const int32_t *p, bool first)
@@ -357,17 +344,6 @@ int outputs_tiles_block(struct outputs_tiles *t, const struct format_block *bloc
 		r = add_triangle(t, corner, b->flags ? b->flags[i] : 0, err);
 	}
 	return r;
-}
-
-int outputs_tiles_tail(struct outputs_tiles *t, const struct acut_mesh_tail *tail, struct err *err)
-{
-	t->tail = *tail;
-	snprintf(t->digest, sizeof(t->digest), "%s", tail->digest);
-	snprintf(t->vertex_digest, sizeof(t->vertex_digest), "%s", tail->vertex_digest);
-	t->tail.digest = t->digest;
-	t->tail.vertex_digest = t->vertex_digest;
-	t->tail.report = "{}";
-	return 0;
 }
 
 /* All is looked at before the first change: an attempt that comes after another one, or after another run with this folder, must

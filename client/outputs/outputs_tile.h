@@ -28,8 +28,7 @@ struct outputs_tiles {
 	bool divides;      /* the format is one of these, which divide themselves */
 	struct outputs_head copy;
 	struct acut_mesh_head head; /* its texts are the copy's */
-	struct acut_mesh_tail tail;
-	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	struct outputs_tail tail;
 	struct outputs_grid grid;  /* the tiles of the head's box */
 	struct outputs_tile *tile; /* those with triangles: as they came, then by number */
 	size_t ntile;
@@ -47,11 +46,9 @@ int outputs_tiles_new(const char *dir, const struct format *, const struct forma
 		      struct outputs_tiles **ret, struct err *err);
 int outputs_tiles_head(struct outputs_tiles *, const struct acut_mesh_head *, struct err *err);
 int outputs_tiles_block(struct outputs_tiles *, const struct format_block *, struct err *err);
-int outputs_tiles_tail(struct outputs_tiles *, const struct acut_mesh_tail *, struct err *err);
 /* Makes all tiles and the index and moves them to their places. *bytes grows by theirs. */
 int outputs_tiles_publish(struct outputs_tiles *, const struct outputs_origin *, const struct outputs_report *, uint64_t *bytes,
 			  struct err *err);
-uint64_t outputs_tiles_count(const struct outputs_tiles *); /* with triangles */
 /* Of a part: only the triangles of its tiles. *ret points into the tiles and the block. */
 int outputs_tiles_share(struct outputs_tiles *, const struct acut_mesh_block *, const int32_t (*position)[3],
 			struct acut_mesh_block *ret, struct err *err);

@@ -25,9 +25,9 @@ static void put_head(FILE *f, const struct outputs_tiles *t, const struct output
 	outputs_geojson_text(f, t->origin->dataset);
 	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,",
 		(unsigned long long)t->origin->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
-		(unsigned long long)outputs_tiles_count(t), (unsigned long long)t->tail.triangles);
+		(unsigned long long)t->ntile, (unsigned long long)t->tail.is.triangles);
 	outputs_geojson_left_out(f, report);
-	fprintf(f, ",\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
+	fprintf(f, ",\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->tail.digest, t->tail.vertex_digest);
 	outputs_geojson_head(f, h, &t->opt);
 	outputs_geojson_origin(f, h, &t->opt);
 	fputs("},\n\"features\":[", f);

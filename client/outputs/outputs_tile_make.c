@@ -62,18 +62,13 @@ static int send(struct maker *m, struct err *err)
 	return r;
 }
 
-static int interrupted(const struct outputs_tiles *t, struct err *err)
-{
-	return t->run.interrupted && t->run.interrupted(t->run.ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
-}
-
 static int add(struct maker *m, const uint64_t *rec, struct err *err)
 {
 	const uint32_t z[3] = {(uint32_t)(rec[4] >> 32), (uint32_t)rec[4], (uint32_t)rec[5]};
 	int r = 0;
 
 	if (m->n == PIECE) {
-		r = interrupted(m->tiles, err);
+		r = outputs_interrupted(&m->tiles->run, err);
 		r = r ? r : send(m, err);
 	}
 	for (uint32_t j = 0; j < 3; j++) {
@@ -103,24 +98,18 @@ static int start(struct maker *m, const char *name, struct err *err)
 	int r = outfile_folder_file(t->place, name, &m->out, err);
 
 	m->counter = (struct format){.block = count_block, .positions = t->format->positions && !is_picture(t)};
-
 	if (is_picture(t)) {
 		memcpy(head.box, m->tile->box, sizeof(head.box));
-		head.box[2] = t->tail.box[2]; /* one range of heights for all */
-		head.box[5] = t->tail.box[5];
+		head.box[2] = t->tail.is.box[2]; /* one range of heights for all */
+		head.box[5] = t->tail.is.box[5];
 	}
 	if (!r)
 		r = t->format->open(m->out, &t->opt, &m->writer, err);
 	if (!r)
 		r = t->format->head(m->writer, &head, err);
 	if (!r)
-		r = outputs_canonical_new(&m->counter, m, m->out, memory_of(t, m->tile), &m->canonical, err);
-	if (!r)
-		outputs_canonical_interrupt(m->canonical, t->run.interrupted, t->run.ctx);
-	if (!r)
-		r = outputs_canonical_head(m->canonical, m->out, t->head.lines, err);
-	if (!r)
-		outputs_canonical_merge(m->canonical);
+		r = outputs_canonical_new(&m->counter, m, m->out, &t->run, memory_of(t, m->tile),
+					  OUTPUTS_MERGE | (t->head.lines ? OUTPUTS_LINES : 0), &m->canonical, err);
 	return r;
 }
 
@@ -159,7 +148,7 @@ static int make(struct maker *m, const uint64_t **rec, struct err *err)
 	struct outputs_tiles *t = m->tiles;
 	uint64_t number = (*rec)[0], n = 0;
 	char name[OUTFILE_NAME];
-	int r = interrupted(t, err);
+	int r = outputs_interrupted(&t->run, err);
 
 	m->tile = &t->tile[m->at];
 	if (!r && (m->at == t->ntile || m->tile->number != number))

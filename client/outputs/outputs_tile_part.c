@@ -9,23 +9,12 @@
 #include "cursor.h"
 #include "digest_pack.h"
 #include "err.h"
+#include "morton.h"
 #include "outputs_tile.h"
-
-/* Spreads the 32 bits to every second one. */
-static uint64_t spread(uint32_t bits)
-{
-	uint64_t v = bits;
-
-	v = (v | v << 16) & 0x0000ffff0000ffffu;
-	v = (v | v << 8) & 0x00ff00ff00ff00ffu;
-	v = (v | v << 4) & 0x0f0f0f0f0f0f0f0fu;
-	v = (v | v << 2) & 0x3333333333333333u;
-	return (v | v << 1) & 0x5555555555555555u;
-}
 
 uint64_t outputs_tile_code(uint32_t column, uint32_t row)
 {
-	return spread(column) | spread(row) << 1;
+	return morton_code(column, row);
 }
 
 /* Whether a square of 2^b tiles, whose codes are base to base + 4^b - 1, has one of both. The halves are tried in turn. */
@@ -65,7 +54,7 @@ int outputs_tiles_share(struct outputs_tiles *t, const struct acut_mesh_block *b
 
 		if (!outputs_tiles_at(t, corner, at))
 			return err_set(err, ERR_PROTO, "a triangle is outside of the box that the stream announced");
-		code = outputs_tile_code((uint32_t)at[0], (uint32_t)at[1]);
+		code = morton_code((uint32_t)at[0], (uint32_t)at[1]);
 		if (code >= t->run.share[0] && code <= t->run.share[1])
 			outputs_passed_add(&t->passed, b, i);
 	}

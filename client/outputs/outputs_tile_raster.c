@@ -12,31 +12,24 @@
 
 #include "dem.h"
 #include "err.h"
+#include "grow.h"
 #include "outputs_tile.h"
 
 static int tile_begin(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err)
 {
 	struct outputs_tiles *t = ctx;
 	char name[OUTFILE_NAME];
+	int r = outputs_interrupted(&t->run, err);
 
-	if (t->run.interrupted && t->run.interrupted(t->run.ctx))
-		return err_set(err, ERR_CANCELLED, "interrupted");
-	return outfile_folder_file(t->place, outputs_tiles_name_at(t, at, name), ret, err);
+	return r ? r : outfile_folder_file(t->place, outputs_tiles_name_at(t, at, name), ret, err);
 }
 
 static int keep(struct outputs_tiles *t, const struct outputs_tile *tile, struct err *err)
 {
 	if (t->ntile == OUTPUTS_TILES)
 		return outputs_tiles_too_many(t, err);
-	if (t->ntile == t->nslot) {
-		size_t room = t->nslot ? 2 * t->nslot : 64;
-		void *more = realloc(t->tile, room * sizeof(*t->tile));
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for %zu tiles", room);
-		t->tile = more;
-		t->nslot = room;
-	}
+	if (!grow(&t->tile, &t->nslot, t->ntile + 1, 64, sizeof(*t->tile)))
+		return err_set(err, ERR_NOMEM, "no memory for %zu tiles", t->ntile + 1);
 	t->tile[t->ntile++] = *tile;
 	return 0;
 }
@@ -118,20 +111,10 @@ static int lines_end(void *ctx, const int64_t at[2], struct outfile *out, const 
 	return r ? r : keep(t, &tile, err);
 }
 
-static void lines_drop(struct outfile *out)
-{
-	outfile_free(out);
-}
-
 void outputs_tiles_tile(struct outputs_tiles *t)
 {
-	const struct format_tiler tiler = {.p = t->grid.p,
-					   .q = t->grid.q,
-					   .most = OUTPUTS_TILES,
-					   .begin = tile_begin,
-					   .end = lines_end,
-					   .drop = lines_drop,
-					   .ctx = t};
+	const struct format_tiler tiler = {
+		.p = t->grid.p, .q = t->grid.q, .most = OUTPUTS_TILES, .begin = tile_begin, .end = lines_end, .ctx = t};
 
 	t->format->tile(t->writer, &tiler);
 }
@@ -143,8 +126,8 @@ int outputs_tiles_raster(struct outputs_tiles *t, struct err *err)
 	int r;
 
 	if (!t->format->tile_lines)
-		return t->format->tiles(t->writer, &tiler, &t->tail, err);
-	r = t->format->tile_lines(t->writer, &t->tail, err);
+		return t->format->tiles(t->writer, &tiler, &t->tail.is, err);
+	r = t->format->tile_lines(t->writer, &t->tail.is, err);
 	outputs_tiles_order(t);
 	return r;
 }

@@ -8,16 +8,14 @@
  * triangles came, and images of polygons side by side fit each other.
  */
 #include <math.h>
-#include <setjmp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <png.h>
-
 #include "dem.h"
 #include "err.h"
 #include "format_axis.h"
+#include "format_png_file.h"
 #include "outfile.h"
 #include "volume_priv.h"
 
@@ -30,9 +28,7 @@ struct image {
 	struct volume_images *all;
 	/* of the picture that is written */
 	struct dem_frame frame;
-	png_structp png;
-	png_infop info;
-	struct err *err;
+	struct format_png_file file;
 };
 
 struct volume_images {
@@ -166,8 +162,7 @@ struct volume_images *volume_images_free(struct volume_images *all)
 	for (unsigned i = 0; all && i < all->n; i++) {
 		struct image *m = &all->image[i];
 
-		if (m->png)
-			png_destroy_write_struct(&m->png, &m->info);
+		format_png_done(&m->file);
 		dem_free(m->dem);
 		outfile_free(m->out);
 		outfile_free(m->world);
@@ -327,68 +322,22 @@ static void color(void *ctx, float value, uint8_t ret[3])
 
 /* ---- the picture ---- */
 
-static void put(png_structp png, png_bytep bytes, png_size_t n)
-{
-	struct image *m = png_get_io_ptr(png);
-
-	if (outfile_write(m->out, bytes, n, m->err))
-		png_error(png, "output");
-}
-
-static void put_flush(png_structp png) {}
-
-static void fail(png_structp png, png_const_charp text)
-{
-	struct image *m = png_get_error_ptr(png);
-
-	if (!m->err->code)
-		err_set(m->err, ERR_INTERNAL, "the picture cannot be encoded: %s", text);
-	png_longjmp(png, 1);
-}
-
-static void warn(png_structp png, png_const_charp text) {}
-
 static int begin(void *ctx, const struct dem_frame *frame, struct err *err)
 {
 	struct image *m = ctx;
 
 	m->frame = *frame;
-	m->err = err;
-	m->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, m, fail, warn);
-	m->info = m->png ? png_create_info_struct(m->png) : NULL;
-	if (!m->info)
-		return err_set(err, ERR_NOMEM, "no memory to encode a picture");
-	if (setjmp(png_jmpbuf(m->png)))
-		return -(int)err->code;
-	png_set_write_fn(m->png, m, put, put_flush);
-	png_set_user_limits(m->png, 0x7fffffff, 0x7fffffff);
-	png_set_IHDR(m->png, m->info, (png_uint_32)frame->width, (png_uint_32)frame->height, 8, PNG_COLOR_TYPE_RGB_ALPHA,
-		     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-	png_set_compression_level(m->png, 4);
-	png_write_info(m->png, m->info);
-	return 0;
+	return format_png_begin(&m->file, m->out, frame->width, frame->height, true, err);
 }
 
 static int put_row(void *ctx, const uint8_t *row, struct err *err)
 {
-	struct image *m = ctx;
-
-	m->err = err;
-	if (setjmp(png_jmpbuf(m->png)))
-		return -(int)err->code;
-	png_write_row(m->png, row);
-	return 0;
+	return format_png_row(&((struct image *)ctx)->file, row, err);
 }
 
 static int end(void *ctx, struct err *err)
 {
-	struct image *m = ctx;
-
-	m->err = err;
-	if (setjmp(png_jmpbuf(m->png)))
-		return -(int)err->code;
-	png_write_end(m->png, m->info);
-	return 0;
+	return format_png_end(&((struct image *)ctx)->file, err);
 }
 
 static int put_world(struct image *m, struct err *err)

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "morton.h"
 #include "outfile.h"
 #include "sort.h"
 #include "volume_priv.h"
@@ -110,27 +111,6 @@ static int heap_read(struct heap *h, uint64_t at, struct volume_triangle *to, si
 
 /* ---- cells ---- */
 
-static uint64_t spread(uint32_t v)
-{
-	uint64_t x = v;
-
-	x = (x | x << 16) & 0x0000ffff0000ffff;
-	x = (x | x << 8) & 0x00ff00ff00ff00ff;
-	x = (x | x << 4) & 0x0f0f0f0f0f0f0f0f;
-	x = (x | x << 2) & 0x3333333333333333;
-	return (x | x << 1) & 0x5555555555555555;
-}
-
-static uint32_t gather(uint64_t x)
-{
-	x &= 0x5555555555555555;
-	x = (x | x >> 1) & 0x3333333333333333;
-	x = (x | x >> 2) & 0x0f0f0f0f0f0f0f0f;
-	x = (x | x >> 4) & 0x00ff00ff00ff00ff;
-	x = (x | x >> 8) & 0x0000ffff0000ffff;
-	return (uint32_t)(x | x >> 16);
-}
-
 static int add_cells(void *ctx, uint32_t y, uint32_t x1, uint32_t x2)
 {
 	struct volume_join *j = ctx;
@@ -139,7 +119,7 @@ static int add_cells(void *ctx, uint32_t y, uint32_t x1, uint32_t x2)
 
 	memcpy(record + 1, j->t, sizeof(*j->t));
 	for (uint32_t x = x1; x <= x2 && !r; x++) {
-		record[0] = (spread(x) | spread(y) << 1) << 1 | j->side;
+		record[0] = morton_code(x, y) << 1 | j->side;
 		r = sort_add(j->sort, record, j->err);
 		j->added++;
 	}
@@ -286,7 +266,7 @@ static int divide(struct volume_join *j, const struct volume_rect *rect, uint32_
 
 static int join_cell(struct volume_join *j, uint64_t key, struct err *err)
 {
-	uint32_t x = gather(key), y = gather(key >> 1);
+	uint32_t x = morton_gather(key), y = morton_gather(key >> 1);
 	struct volume_rect rect = volume_grid_cell(&j->grid, &j->rect, x, y);
 	struct heap *h = j->heap;
 	bool large = h[0].spilled || h[1].spilled;

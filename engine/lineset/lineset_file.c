@@ -50,7 +50,7 @@ struct digest lineset_piece_sum(const struct lineset_piece *p)
 	return digest_hash(p, sizeof *p);
 }
 
-struct digest lineset_content(struct digest sum, uint64_t pieces, unsigned far)
+static struct digest content_of(struct digest sum, uint64_t pieces, unsigned far)
 {
 	const uint64_t all[4] = {sum.hi, sum.lo, pieces, far};
 
@@ -105,7 +105,7 @@ static int check_head(struct lineset *s, const struct lineset_head *h, struct er
 					.areas = h->turns || h->far,
 					.turns = h->turns,
 					.far = h->far,
-					.content = lineset_content(s->sum, h->pieces, h->far)};
+					.content = content_of(s->sum, h->pieces, h->far)};
 	memcpy(s->info.box, h->box, sizeof s->info.box);
 	return 0;
 }

@@ -72,7 +72,6 @@ static inline uint64_t lineset_place(uint64_t page)
 }
 
 struct digest lineset_piece_sum(const struct lineset_piece *);
-struct digest lineset_content(struct digest sum, uint64_t pieces, unsigned far);
 
 /* ---- pages that readers share ---- */
 

@@ -17,7 +17,7 @@ void simplify_sink_init(struct simplify_sink *k, const struct simplify *s, const
 	cut_judge_init(&k->judge, view);
 }
 
-int simplify_take(void *ctx, const struct point *pts, size_t n, struct err *err)
+static int take(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct simplify_sink *k = ctx;
 	int r = 0;
@@ -45,17 +45,12 @@ int simplify_take(void *ctx, const struct point *pts, size_t n, struct err *err)
 	return r;
 }
 
-int simplify_take_end(struct simplify_sink *k, struct err *err)
-{
-	bool any = k->any;
-
-	k->any = false;
-	return any ? k->point(k->ctx, &k->last, err) : 0;
-}
-
 int simplify_scan(struct simplify_sink *k, struct grid_reader *reader, uint64_t lo, uint64_t hi, struct err *err)
 {
-	int r = grid_scan(reader, lo, hi, simplify_take, k, err);
+	int r = grid_scan(reader, lo, hi, take, k, err);
 
-	return r ? r : simplify_take_end(k, err);
+	if (!r && k->any)
+		r = k->point(k->ctx, &k->last, err);
+	k->any = false;
+	return r;
 }

@@ -69,7 +69,7 @@ int simplify_report_write(int dirfd, const struct simplify_report *, struct err 
 
 /* ---- points ---- */
 
-/* The positions of a view from its records in order: simplify_take for each, at the end simplify_take_end. */
+/* The positions of a view from its records in order. */
 struct simplify_sink {
 	void *ctx;
 	int (*point)(void *ctx, const struct point *, struct err *err);
@@ -82,10 +82,7 @@ struct simplify_sink {
 /* At short intervals: -ERR_CANCELLED if it shall stop. */
 int simplify_cancelled(const struct simplify *, struct err *err);
 void simplify_sink_init(struct simplify_sink *, const struct simplify *, const struct view *);
-/* A grid_points_fn. */
-int simplify_take(void *sink, const struct point *, size_t n, struct err *err);
-int simplify_take_end(struct simplify_sink *, struct err *err);
-/* The positions with keys from lo to hi; both calls. */
+/* The positions with keys from lo to hi. */
 int simplify_scan(struct simplify_sink *, struct grid_reader *, uint64_t lo, uint64_t hi, struct err *err);
 
 /* ---- the steps ---- */

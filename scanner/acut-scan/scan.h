@@ -62,7 +62,6 @@ int scan_fail(struct program *, const struct err *);
 void scan_signal_init(void);
 bool scan_stopped(void);
 int scan_stop_fd(void);
-int scan_stop_signal(void); /* 0: none */
 
 /* ---- the tables: scan_command.c ---- */
 

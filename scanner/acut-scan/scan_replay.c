@@ -15,6 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "decoder.h"
 #include "parse.h"
 
@@ -28,17 +29,9 @@ struct run {
 	struct replay *replay; /* NULL: raw bytes only */
 	struct replay_clock clock;
 	struct sha256_ctx sha;
-	double shown;  /* when progress was */
-	uint64_t size; /* of the file; 0: not known */
+	uint64_t shown; /* when progress was */
+	uint64_t size;  /* of the file; 0: not known */
 };
-
-static double now(void)
-{
-	struct timespec t;
-
-	clock_gettime(CLOCK_MONOTONIC, &t);
-	return (double)t.tv_sec + (double)t.tv_nsec / 1e9;
-}
 
 /* ---- sinks ---- */
 
@@ -167,9 +160,9 @@ static void show(struct run *r, const struct spool_record *rec)
 {
 	char done[32], all[32];
 
-	if (!console_progress_on(&r->args->console) || now() - r->shown < 0.2)
+	if (!console_progress_on(&r->args->console) || clock_since(r->shown) < 0.2)
 		return;
-	r->shown = now();
+	r->shown = clock_mono_ns();
 	console_progress(&r->args->console, "%s: %s of %s", r->found->file, parse_size_text(rec->offset, done),
 			 parse_size_text(r->size, all));
 }
@@ -259,7 +252,7 @@ static int open_replay(struct run *r, struct err *err)
 static int run_spool(struct run *r, struct err *err)
 {
 	struct scan_found *f = r->found;
-	double start = now();
+	uint64_t start = clock_mono_ns();
 	int rc = open_reader(r, f->file, err);
 
 	if (!rc)
@@ -274,7 +267,7 @@ static int run_spool(struct run *r, struct err *err)
 		spool_tail(r->reader, &f->tail);
 		if (r->replay)
 			replay_counts(r->replay, &f->counts);
-		f->seconds = now() - start;
+		f->seconds = clock_since(start);
 	}
 	replay_free(r->replay);
 	spool_reader_free(r->reader);

@@ -44,11 +44,6 @@ static int put_stream(void *ctx, const void *bytes, size_t n)
 	return 0;
 }
 
-static bool stopped(void *ctx)
-{
-	return scan_stopped();
-}
-
 static int there_already(const char *name, struct err *err)
 {
 	err_set(err, ERR_USAGE, "it is there already");
@@ -73,7 +68,7 @@ static int save_at(const struct scan_source *s, const struct io_place *at, struc
 		err_sys(err, errno, "it cannot be written");
 		return err_add_file(err, out->name);
 	}
-	r = scan_source_write(s, put_file, stopped, out, err);
+	r = scan_source_write(s, put_file, NULL, out, err);
 	if (!r && fchmod(out->fd, 0644))
 		r = err_sys(err, errno, "%s cannot be made readable", out->name);
 	if (!r)
@@ -94,7 +89,7 @@ int scan_source_save(const struct scan_source *s, const char *name, struct err *
 	int r;
 
 	if (name[0] == '-' && !name[1])
-		return scan_source_write(s, put_stream, stopped, &out, err);
+		return scan_source_write(s, put_stream, NULL, &out, err);
 	r = io_place_find(name, false, &at, err);
 	if (r)
 		return r;

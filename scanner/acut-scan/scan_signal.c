@@ -62,11 +62,6 @@ int scan_stop_fd(void)
 	return stop_fd;
 }
 
-int scan_stop_signal(void)
-{
-	return caught;
-}
-
 int scan_fail(struct program *args, const struct err *err)
 {
 	if (err->code != ERR_CANCELLED || !caught)

@@ -11,7 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "digest_pack.h"
 #include "err.h"
+#include "grow.h"
 
 enum { PIECE = 64 << 10, NAME_ROOM = 200 };
 
@@ -124,7 +126,7 @@ static bool ask(void *ctx)
 {
 	const struct making *m = ctx;
 
-	return m->stop && m->stop(m->ctx);
+	return m->stop ? m->stop(m->ctx) : scan_stopped();
 }
 
 static int pass(struct making *m)
@@ -181,11 +183,6 @@ static int hash_put(void *ctx, const void *bytes, size_t n)
 	return 0;
 }
 
-static bool stopped(void *ctx)
-{
-	return scan_stopped();
-}
-
 static int hash_source(struct scan_source *s, struct err *err)
 {
 	struct hashing h = {.hash = digest_stream_new()};
@@ -193,7 +190,7 @@ static int hash_source(struct scan_source *s, struct err *err)
 
 	if (!h.hash)
 		return err_set(err, ERR_NOMEM, "no memory to hash points");
-	r = scan_source_write(s, hash_put, stopped, &h, err);
+	r = scan_source_write(s, hash_put, NULL, &h, err);
 	if (!r) {
 		digest_hex(digest_stream_end(h.hash), s->hash);
 		s->size = h.size;
@@ -249,23 +246,17 @@ static void make_id(const struct scan_source *s, uint8_t ret[16])
 {
 	const struct pose_span *span = pose_track_span(s->track);
 	uint8_t both[32];
-	struct digest d;
+	struct packer p = packer_of(both + 16, 16);
 
 	memcpy(both, s->spool->head.id, 16);
-	for (int i = 0; i < 8; i++) {
-		both[16 + i] = (uint8_t)(span->hash.hi >> 8 * i);
-		both[24 + i] = (uint8_t)(span->hash.lo >> 8 * i);
-	}
-	d = digest_hash(both, sizeof both);
-	for (int i = 0; i < 8; i++) {
-		ret[i] = (uint8_t)(d.hi >> 8 * i);
-		ret[8 + i] = (uint8_t)(d.lo >> 8 * i);
-	}
+	digest_pack(&p, span->hash);
+	p = packer_of(ret, 16);
+	digest_pack(&p, digest_hash(both, sizeof both));
 }
 
 static int find_ground(struct scan_source *s, struct err *err)
 {
-	struct making m = {.source = s, .measures = true, .stop = stopped, .err = err};
+	struct making m = {.source = s, .measures = true, .err = err};
 	int r = pass(&m);
 
 	m.ground.points -= m.ground.too_far;
@@ -296,7 +287,7 @@ static int find_ground(struct scan_source *s, struct err *err)
 
 static int find_text(struct scan_source *s, struct err *err)
 {
-	struct making m = {.source = s, .measures = true, .stop = stopped, .err = err};
+	struct making m = {.source = s, .measures = true, .err = err};
 	int r = pass(&m);
 
 	if (!r && !m.lines) {
@@ -310,31 +301,26 @@ static int find_text(struct scan_source *s, struct err *err)
 
 struct files {
 	uint64_t *number;
-	size_t n;
+	size_t n, room;
 	bool no_memory;
 };
 
 static int las_seen(void *ctx, const struct telegram *t)
 {
 	struct files *f = ctx;
-	uint64_t *more;
 
 	if (!t->file_ends)
 		return 0;
-	more = realloc(f->number, (f->n + 1) * sizeof *more);
-	if (!more) {
-		f->no_memory = true;
-		return 1;
-	}
-	f->number = more;
-	f->number[f->n++] = t->file;
-	return 0;
+	f->no_memory = !grow(&f->number, &f->room, f->n + 1, 16, sizeof *f->number);
+	if (!f->no_memory)
+		f->number[f->n++] = t->file;
+	return f->no_memory;
 }
 
 static int find_files(struct scan_spool *spool, struct files *ret, struct err *err)
 {
 	const struct replay_sinks sinks = {.ctx = ret, .points = las_seen};
-	int r = scan_spool_pass(spool, &sinks, stopped, err);
+	int r = scan_spool_pass(spool, &sinks, NULL, err);
 
 	if (ret->no_memory)
 		return err_set(err, ERR_NOMEM, "no memory for a list of files");

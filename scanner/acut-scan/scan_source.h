@@ -30,7 +30,8 @@ struct scan_spool {
 /* Reads its head, and its profile. */
 int scan_spool_open(struct program *, const char *file, struct scan_spool *ret, struct err *);
 void scan_spool_clear(struct scan_spool *);
-/* A pass over the records. 0, what a sink answered, or -ERR. `stop` is asked now and then: -ERR_CANCELLED. */
+/* A pass over the records. 0, what a sink answered, or -ERR. `stop` is asked now and then, NULL: whether a
+ * signal asks for an end: -ERR_CANCELLED. */
 int scan_spool_pass(struct scan_spool *, const struct replay_sinks *, bool (*stop)(void *ctx), struct err *);
 
 enum scan_kind { SCAN_GROUND, SCAN_LAS_FILE, SCAN_TEXT_LINES };
@@ -52,7 +53,7 @@ struct scan_source {
 /* The sources of a spool, one for each pass that it takes: a malloced array. -ERR_INPUT: it has no points. */
 int scan_source_find(struct program *, struct scan_spool *, struct pose_track *, struct scan_source **ret, size_t *ret_n,
 		     struct err *);
-/* Its bytes into a sink, in order; the sink's non-zero answer ends it. */
+/* Its bytes into a sink, in order; the sink's non-zero answer ends it. `stop` NULL: as of a pass. */
 int scan_source_write(const struct scan_source *, int (*put)(void *ctx, const void *, size_t), bool (*stop)(void *ctx), void *ctx,
 		      struct err *);
 

@@ -153,7 +153,7 @@ static int run(struct pass *p, bool *ret_over, struct err *err)
 
 	*ret_over = false;
 	while ((r = next(p, &record, err)) > 0) {
-		if (p->stop && p->records % ASK_EVERY == 0 && p->stop(p->ctx))
+		if (p->records % ASK_EVERY == 0 && (p->stop ? p->stop(p->ctx) : scan_stopped()))
 			return err_set(err, ERR_CANCELLED, "interrupted");
 		r = replay_record(p->replay, &record);
 		if (r)

@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "clock.h"
+#include "grow.h"
 #include "log.h"
 #include "usb_priv.h"
 
@@ -26,16 +27,9 @@ static int LIBUSB_CALL on_hotplug(libusb_context *context, libusb_device *device
 {
 	struct usb *usb = ctx;
 
-	if (usb->events_n == usb->events_room) {
-		size_t room = usb->events_room ? 2 * usb->events_room : 16;
-		struct usb_event *more = reallocarray(usb->events, room, sizeof(*more));
-
-		if (!more) {
-			usb->events_lost = true; /* the list is read anyway */
-			return 0;
-		}
-		usb->events = more;
-		usb->events_room = room;
+	if (!grow(&usb->events, &usb->events_room, usb->events_n + 1, 16, sizeof(*usb->events))) {
+		usb->events_lost = true; /* the list is read anyway */
+		return 0;
 	}
 	usb->events[usb->events_n++] = (struct usb_event){.left = event == LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT,
 							  .bus = libusb_get_bus_number(device),
@@ -160,15 +154,8 @@ static int match_profile(struct usb *usb, const struct usb_device *device)
 /* Under the lock. False: no memory. */
 static bool add_known(struct usb *usb, const struct usb_device *device, bool silent)
 {
-	if (usb->n == usb->room) {
-		size_t room = usb->room ? 2 * usb->room : 16;
-		struct usb_known *more = reallocarray(usb->known, room, sizeof(*more));
-
-		if (!more)
-			return false;
-		usb->known = more;
-		usb->room = room;
-	}
+	if (!grow(&usb->known, &usb->room, usb->n + 1, 16, sizeof(*usb->known)))
+		return false;
 	usb->known[usb->n] = (struct usb_known){.device = *device, .seen = true};
 	usb->known[usb->n].device.profile = match_profile(usb, device);
 	if (!silent)

@@ -21,6 +21,7 @@
 #include "grid_block.h"
 #include "grid_disk.h"
 #include "grid_run.h"
+#include "grow.h"
 #include "io.h"
 #include "tool_options.h"
 
@@ -204,13 +205,9 @@ static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *su
 
 static void add_range(struct segment *s, const struct disk_leaf *leaf)
 {
-	if (s->nranges == s->cap) {
-		s->cap = s->cap ? 2 * s->cap : 1024;
-		s->ranges = realloc(s->ranges, s->cap * sizeof *s->ranges);
-		if (!s->ranges) {
-			fputs("no memory\n", stderr);
-			exit(74);
-		}
+	if (!grow(&s->ranges, &s->cap, s->nranges + 1, 1024, sizeof *s->ranges)) {
+		fputs("no memory\n", stderr);
+		exit(74);
 	}
 	s->ranges[s->nranges++] = (struct range){leaf->lo, leaf->count, leaf->bits};
 }

@@ -3,21 +3,7 @@
 
 #include "check_lines.h"
 #include "err.h"
-
-bool check_room(void **at, size_t n, size_t *cap, size_t size)
-{
-	size_t more = *cap ? 2 * *cap : 256;
-	void *to;
-
-	if (n < *cap)
-		return true;
-	to = realloc(*at, more * size);
-	if (!to)
-		return false;
-	*at = to;
-	*cap = more;
-	return true;
-}
+#include "grow.h"
 
 int check_no_memory(struct err *err)
 {
@@ -92,7 +78,7 @@ static int add_cells(void *ctx, uint64_t low, uint64_t high)
 	struct check_grid *g = a->grid;
 
 	for (uint64_t key = low; key <= high; key++) {
-		if (!check_room((void **)&g->cell, g->n, &g->cap, sizeof *g->cell))
+		if (!grow(&g->cell, &g->cap, g->n + 1, 256, sizeof *g->cell))
 			return check_no_memory(a->err);
 		g->cell[g->n++] = (struct check_cell){key, a->item};
 	}

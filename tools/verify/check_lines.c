@@ -14,6 +14,7 @@
 
 #include "check_lines.h"
 #include "err.h"
+#include "grow.h"
 #include "input.h"
 #include "io.h"
 
@@ -41,7 +42,7 @@ struct reading {
 
 static int add_vertex(struct check_lines *l, const int32_t *at, struct err *err)
 {
-	if (!check_room((void **)&l->vertex, l->nvertex, &l->vertex_cap, sizeof *l->vertex))
+	if (!grow(&l->vertex, &l->vertex_cap, l->nvertex + 1, 256, sizeof *l->vertex))
 		return check_no_memory(err);
 	l->vertex[l->nvertex++] = (struct check_vertex){at[0], at[1], at[2], at[2], false, false};
 	return 0;
@@ -52,7 +53,7 @@ static int add_segment(struct check_lines *l, const int32_t *a, const int32_t *b
 {
 	if (a[0] == b[0] && a[1] == b[1])
 		return 0;
-	if (!check_room((void **)&l->segment, l->nsegment, &l->segment_cap, sizeof *l->segment))
+	if (!grow(&l->segment, &l->segment_cap, l->nsegment + 1, 256, sizeof *l->segment))
 		return check_no_memory(err);
 	l->segment[l->nsegment++] = (struct check_segment){{a[0], a[1]}, {b[0], b[1]}, area, feature, l->nfiles - 1};
 	return 0;
@@ -141,7 +142,7 @@ static int add_feature(struct reading *r, struct err *err)
 	if (!r->n)
 		return 0;
 	if (r->vertex[0].kind != INPUT_HARD) {
-		if (!check_room((void **)&l->area, l->nareas, &l->area_cap, sizeof *l->area))
+		if (!grow(&l->area, &l->area_cap, l->nareas + 1, 256, sizeof *l->area))
 			return check_no_memory(err);
 		l->area[l->nareas++] = r->vertex[0].kind;
 		area = (uint32_t)l->nareas;
@@ -164,7 +165,7 @@ static int take_batch(struct reading *r, size_t n, struct err *err)
 	for (size_t i = 0; rc == 0 && i < n; i++) {
 		if (r->of[i].bits & INPUT_FEATURE_BEGINS)
 			rc = add_feature(r, err);
-		if (rc == 0 && !check_room((void **)&r->vertex, r->n, &r->cap, sizeof *r->vertex))
+		if (rc == 0 && !grow(&r->vertex, &r->cap, r->n + 1, 256, sizeof *r->vertex))
 			rc = check_no_memory(err);
 		if (rc == 0)
 			r->vertex[r->n++] = (struct line_vertex){

@@ -99,8 +99,6 @@ void check_lines_clear(struct check_lines *);
 
 /* ---- parts ---- */
 
-/* Room for one more item. False: no memory. */
-bool check_room(void **at, size_t n, size_t *cap, size_t size);
 int check_no_memory(struct err *err);
 
 /* Twice the area of a, b, p, counter-clockwise positive. */

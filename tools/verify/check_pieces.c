@@ -10,6 +10,7 @@
 
 #include "check_lines.h"
 #include "err.h"
+#include "grow.h"
 
 #define NONE UINT32_MAX
 
@@ -246,7 +247,7 @@ static int make_places(struct compare *c)
 
 		if (!c->kept[i])
 			continue;
-		if (!check_room((void **)&c->at.cell, c->at.n, &c->at.cap, sizeof *c->at.cell))
+		if (!grow(&c->at.cell, &c->at.cap, c->at.n + 1, 256, sizeof *c->at.cell))
 			return check_no_memory(c->err);
 		c->at.cell[c->at.n++] = (struct check_cell){check_grid_key(c->at.shift, v->x, v->y), i};
 	}
@@ -460,7 +461,7 @@ int check_lines_points(const struct check_lines *l, const struct view *view, str
 
 		if (!v->used || v->absent || view_judge(view, &p) != VIEW_KEPT)
 			continue;
-		if (!check_room((void **)&points->pts, points->n, &points->cap, sizeof *points->pts))
+		if (!grow(&points->pts, &points->cap, points->n + 1, 256, sizeof *points->pts))
 			return check_no_memory(err);
 		points->pts[points->n++] = p;
 	}

@@ -9,6 +9,7 @@
 
 #include "check_lines.h"
 #include "err.h"
+#include "grow.h"
 #include "input.h"
 #include "io.h"
 
@@ -22,18 +23,9 @@ struct batch {
 
 static int make_room(struct check_points *c, size_t n, struct err *err)
 {
-	if (c->cap - c->n >= n)
-		return 0;
-	size_t cap = c->cap ? 2 * c->cap : 16 * BATCH;
+	bool there = grow(&c->pts, &c->cap, c->n + n, 16 * BATCH, sizeof *c->pts);
 
-	cap = cap < c->n + n ? c->n + n : cap;
-	struct point *pts = realloc(c->pts, cap * sizeof *pts);
-
-	if (!pts)
-		return err_set(err, ERR_NOMEM, "no memory for %zu points", cap);
-	c->pts = pts;
-	c->cap = cap;
-	return 0;
+	return there ? 0 : err_set(err, ERR_NOMEM, "no memory for %zu points", c->n + n);
 }
 
 static int add_point(struct check_points *c, const struct batch *b, size_t n, const struct view *view, struct err *err)

@@ -8,6 +8,7 @@
 
 #include "check_lines.h"
 #include "err.h"
+#include "grow.h"
 
 struct hot {
 	struct check_vertex *at;
@@ -99,7 +100,7 @@ static int add_crossing(struct snap *s, const struct check_segment *p, const str
 		z[k] = part_of(end[2 * k]->low, end[2 * k + 1]->low, part[k], whole[k]);
 		z[k + 2] = part_of(end[2 * k]->high, end[2 * k + 1]->high, part[k], whole[k]);
 	}
-	if (!check_room((void **)&h->at, h->n, &h->cap, sizeof *h->at))
+	if (!grow(&h->at, &h->cap, h->n + 1, 256, sizeof *h->at))
 		return check_no_memory(s->err);
 	h->at[h->n++] = (struct check_vertex){.x = part_of(p->a[0], p->b[0], part[0], whole[0]),
 					      .y = part_of(p->a[1], p->b[1], part[0], whole[0]),
@@ -143,7 +144,7 @@ static int join_crossings(struct snap *s)
 	struct check_lines *l = s->l;
 
 	for (size_t i = 0; i < s->crossing.n; i++) {
-		if (!check_room((void **)&l->vertex, l->nvertex, &l->vertex_cap, sizeof *l->vertex))
+		if (!grow(&l->vertex, &l->vertex_cap, l->nvertex + 1, 256, sizeof *l->vertex))
 			return check_no_memory(s->err);
 		l->vertex[l->nvertex++] = s->crossing.at[i];
 	}
@@ -195,7 +196,7 @@ static int take_column(void *ctx, uint64_t low, uint64_t high)
 
 		if (!meets_pixel(s->segment, v->x, v->y))
 			continue;
-		if (!check_room((void **)&s->on, s->non, &s->on_cap, sizeof *s->on))
+		if (!grow(&s->on, &s->on_cap, s->non + 1, 256, sizeof *s->on))
 			return check_no_memory(s->err);
 		s->on[s->non++] = g->cell[i].item;
 	}
@@ -243,7 +244,7 @@ static int round_segment(struct snap *s, uint32_t from)
 	for (size_t i = 1; i < s->non; i++) {
 		uint32_t a = s->on[i - 1], b = s->on[i];
 
-		if (!check_room((void **)&s->stretch, s->nstretch, &s->stretch_cap, sizeof *s->stretch))
+		if (!grow(&s->stretch, &s->stretch_cap, s->nstretch + 1, 256, sizeof *s->stretch))
 			return check_no_memory(s->err);
 		s->stretch[s->nstretch++] = (struct stretch){a < b ? a : b, a < b ? b : a, g->area, from};
 	}
@@ -299,7 +300,7 @@ static int round_segments(struct snap *s)
 		const int32_t at[2] = {l->vertex[i].x, l->vertex[i].y};
 		uint64_t key = check_grid_key(s->grid.shift, at[0], at[1]);
 
-		if (!check_room((void **)&s->grid.cell, s->grid.n, &s->grid.cap, sizeof *s->grid.cell))
+		if (!grow(&s->grid.cell, &s->grid.cap, s->grid.n + 1, 256, sizeof *s->grid.cell))
 			rc = check_no_memory(s->err);
 		else
 			s->grid.cell[s->grid.n++] = (struct check_cell){key, (uint32_t)i};
