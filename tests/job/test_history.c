@@ -252,6 +252,10 @@ static void reports(void **state)
 		for (int k = 0; k < VIEW_RULES; k++)
 			r.removed[k] = i * 1000 + (uint64_t)k;
 		report_text(&r, text, sizeof text);
+		/* What is zero or empty takes no room. */
+		assert_null(strstr(text, " 0\n"));
+		assert_null(strstr(text, " 0.000000\n"));
+		assert_null(strstr(text, " \n"));
 		snprintf(text + strlen(text), 99, "no-such 5\nremoved-never 6\n\nnothing\n");
 		report_parse(text, &back);
 		snprintf(text, sizeof text, "%.6f", r.worked_seconds);
