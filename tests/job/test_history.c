@@ -333,7 +333,7 @@ static bool left(const char *name, bool make)
 }
 
 /* Deferred sweeps wait, and the loop knows it. They begin when the time is over. A stop waits neither for those that are deferred
- * nor for those that wait for a worker: the next start does the same. */
+ * nor for those that wait for a worker, nor for the measuring of the cache: the next start does the same. */
 static void rests(void **state)
 {
 	assert_false(service_is_deferring(h.service));
@@ -356,7 +356,9 @@ static void rests(void **state)
 	gate.closed = true;
 	open_service(UINT64_C(64) << 20, 1);
 	assert_false(service_is_deferring(h.service));
+	turn_until(h.service->core->priv->disk.work);
 	service_stop(h.service);
+	turn_until(!h.service->core->priv->disk.work);
 	gate_open();
 	close_service();
 	assert_true(left("gone-0", false));
