@@ -290,13 +290,14 @@ static int start_daemon(struct daemon *d, struct err *err)
 	if (!r)
 		r = loop_make(d, err);
 	if (!r)
-		r = io_close_background(err);
-	if (!r)
 		r = make_budget(d, err);
 	if (!r)
 		check_folders(d);
 	if (!r)
 		r = make_service(d, err);
+	/* Up to here nobody waits for this thread, and a close by it takes less time than waking another. */
+	if (!r)
+		r = io_close_background(err);
 	if (!r)
 		r = open_sockets(d, err);
 	if (r == -ERR_NOSPACE)

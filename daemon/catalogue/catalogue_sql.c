@@ -106,12 +106,6 @@ const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 	[CATALOGUE_DROP_PUSH] = "DELETE FROM push WHERE id = ?",
 };
 
-const char catalogue_sql_datasets[] =
-	"SELECT id, name, uid, created_us, pushed_us, manifest, generation, "
-	"points, bytes, files, lattice, crs,"
-	" unit_xy, unit_z, box_min, box_max, removed_us, pinned, oldest, segments, gid, mode, sum FROM dataset ORDER BY id";
-const char catalogue_sql_jobs[] =
-	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, "
-	"error_code,"
-	" error_message, error_file, error_field, error_hint, error_offset, priority, area, admin, sum FROM job ORDER BY id";
-const char catalogue_sql_pushes[] = "SELECT id, dataset, uid, files, begun_us, sum FROM push ORDER BY id";
+const char catalogue_sql_datasets[] = "SELECT * FROM dataset ORDER BY id";
+const char catalogue_sql_jobs[] = "SELECT * FROM job ORDER BY id";
+const char catalogue_sql_pushes[] = "SELECT * FROM push ORDER BY id";

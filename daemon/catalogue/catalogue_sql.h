@@ -20,7 +20,7 @@ enum catalogue_sql {
 extern const char *const catalogue_sql_text[CATALOGUE_SQLS];
 extern const char catalogue_sql_setup[], catalogue_sql_schema[];
 extern const char *const catalogue_sql_step[CATALOGUE_VERSION]; /* [n]: from version n to n + 1 */
-/* With the columns that catalogue_load.c reads. */
+/* With the columns in the order of the schema, as catalogue_load.c reads them. */
 extern const char catalogue_sql_datasets[], catalogue_sql_jobs[], catalogue_sql_pushes[];
 
 #endif

@@ -146,6 +146,7 @@ void disk_query_now(struct core *);
 void disk_tick(struct core *, bool active);
 /* Makes removed folders of the cache again, under the same descriptors. Cheap if none is removed. */
 void disk_restore_folders(struct core *);
+void disk_stop(struct core *);              /* the daemon stops: ends the measuring of the cache */
 bool disk_is_querying(const struct core *); /* a worker queries the file systems */
 
 /* ---- limit.c: bytes on the disk of one user (user-disk) ---- */

@@ -31,9 +31,9 @@ struct core_private {
 	} deferred;
 	/* disk.c */
 	struct disk {
-		bool measured; /* the measurement of the cache was submitted */
-		bool working;  /* a task measures or evicts */
-		bool querying; /* a task queries the file systems */
+		bool measured;           /* the measurement of the cache was submitted */
+		struct sched_task *work; /* measures or evicts; NULL: there is none */
+		bool querying;           /* a task queries the file systems */
 		struct disk_query query;
 		uint64_t queried_ns; /* when it was last submitted */
 	} disk;

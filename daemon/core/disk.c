@@ -36,13 +36,13 @@ static void cache_work_run(struct sched_task *t)
 	struct cache_work *x = (struct cache_work *)t;
 	struct err err = ERR_INIT;
 	uint64_t bytes, entries;
-	int r = x->measure ? space_measure(x->core->space, &err) : 0;
+	int r = x->measure ? space_measure(x->core->space, &t->cancel, &err) : 0;
 
 	if (!r)
 		space_query(x->core->space);
 	if (!r && space_is_exceeded(x->core->space))
 		r = space_evict(x->core->space, false, &bytes, &entries, &err);
-	if (r)
+	if (r && r != -ERR_CANCELLED)
 		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "the cache cannot be examined", &err);
 }
 
@@ -51,7 +51,7 @@ static void cache_work_done(struct sched_task *t)
 	struct cache_work *x = (struct cache_work *)t;
 
 	core_background_done(x->core);
-	x->core->priv->disk.working = false;
+	x->core->priv->disk.work = NULL;
 	free(x);
 }
 
@@ -68,7 +68,7 @@ static void submit_cache_work(struct core *core, bool measure)
 				      .lengthy = true};
 	x->core = core;
 	x->measure = measure;
-	core->priv->disk.working = true;
+	core->priv->disk.work = &x->task;
 	core_background(core, &x->task);
 }
 
@@ -87,7 +87,7 @@ static void query_done(struct sched_task *t)
 	assert(d->querying);
 	core_background_done(core);
 	d->querying = false;
-	if (t->ran && !core->stopping && d->measured && !d->working && space_is_exceeded(core->space))
+	if (t->ran && !core->stopping && d->measured && !d->work && space_is_exceeded(core->space))
 		submit_cache_work(core, false);
 }
 
@@ -182,10 +182,17 @@ void disk_tick(struct core *core, bool active)
 	disk_restore_folders(core);
 	if (clock_since(d->queried_ns) >= (active || sched_busy(core->p.sched) ? QUERY_SECONDS : QUERY_SECONDS_IDLE))
 		submit_query(core);
-	if (core->stopping || d->working || d->measured)
+	if (core->stopping || d->work || d->measured)
 		return;
 	d->measured = true;
 	submit_cache_work(core, true);
+}
+
+void disk_stop(struct core *core)
+{
+	THREAD_LOOP_ONLY();
+	if (core->priv->disk.work)
+		sched_cancel(core->p.sched, core->priv->disk.work);
 }
 
 bool disk_is_querying(const struct core *core)

@@ -14,18 +14,23 @@ struct conn_copy {
 	struct import *import;
 };
 
+/* Ends the copy, which is the first of this list. */
+static void end_copy(struct conn_copy **at)
+{
+	struct conn_copy *o = *at;
+
+	*at = o->next;
+	if (o->backup)
+		backup_end(o->backup);
+	else
+		import_end(o->import);
+	free(o);
+}
+
 void conn_copies_end(struct conn *c)
 {
-	struct conn_copy *o;
-
-	while ((o = c->copies)) {
-		c->copies = o->next;
-		if (o->backup)
-			backup_end(o->backup);
-		else
-			import_end(o->import);
-		free(o);
-	}
+	while (c->copies)
+		end_copy(&c->copies);
 }
 
 /* Adds an open copy to its connection. If the client has left meanwhile, or there is no memory, the copy ends at once. */
@@ -142,17 +147,9 @@ void request_backup_next(struct conn *c, struct request *q, Acut__V1__Message *m
 
 void request_backup_end(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct conn_copy **at = find_copy(c, m->backup_end->backup, m->backup_end->import), *o;
-
 	if (!open_copy(c, q, m->backup_end->backup, m->backup_end->import))
 		return;
-	o = *at;
-	*at = o->next;
-	if (o->backup)
-		backup_end(o->backup);
-	else
-		import_end(o->import);
-	free(o);
+	end_copy(find_copy(c, m->backup_end->backup, m->backup_end->import));
 	request_answer_done(q);
 }
 

@@ -221,6 +221,7 @@ void service_stop(struct service *s)
 	THREAD_LOOP_ONLY();
 	s->core->stopping = true;
 	deferred_cancel_all(s->core);
+	disk_stop(s->core);
 	datasets_park(s->datasets);
 	jobs_park(s->jobs);
 	service_settle(s);

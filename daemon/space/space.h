@@ -8,6 +8,7 @@
 #ifndef SPACE_H
 #define SPACE_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -106,8 +107,9 @@ void space_running_since(struct space *, int64_t us);
 int space_remove_domain(struct space *, int domainsfd, const struct store_id *, uint64_t *ret_bytes, struct err *err);
 /* Evicts until quota and keep-free hold; all_derived: everything derived. *ret_bytes, *ret_files: what was removed. */
 int space_evict(struct space *, bool all_derived, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err);
-/* Counts derived files. Until then the accounts have what was written since the start. */
-int space_measure(struct space *, struct err *err);
+/* Counts derived files. Until then the accounts have what was written since the start. -ERR_CANCELLED: `stop` was set meanwhile
+ * (NULL: never), and the accounts are as before. */
+int space_measure(struct space *, const atomic_bool *stop, struct err *err);
 /* Removes temporary files that nobody has written to for a day. */
 int space_sweep(struct space *, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err);
 /* Sum of the lengths of the files in a folder. */

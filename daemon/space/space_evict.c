@@ -42,8 +42,9 @@ struct evict_pass {
 	struct space *space;
 	void *ctx;
 	enum space_need need;
-	int64_t since_ns;  /* domains used since then are in use */
-	int64_t before_ns; /* temporary files changed since then are being written */
+	const atomic_bool *stop; /* NULL: the pass does not end early */
+	int64_t since_ns;        /* domains used since then are in use */
+	int64_t before_ns;       /* temporary files changed since then are being written */
 	size_t n;
 	struct old_entry *heap;        /* the youngest is the first */
 	uint64_t bytes[2], entries[2]; /* of domains, selections */
@@ -122,6 +123,8 @@ static int entry_read(void *ctx, const struct dirent *e, struct err *err)
 	size_t n = strnlen(e->d_name, NAME_MOST);
 	struct stat st;
 
+	if (r->pass->stop && atomic_load(r->pass->stop))
+		return err_set(err, ERR_CANCELLED, "the reading of the cache was cancelled");
 	if (io->fstatat(r->fd, e->d_name, &st, AT_SYMLINK_NOFOLLOW) != 0)
 		return 0;
 	if (n >= sizeof r->path - r->length)
@@ -461,7 +464,7 @@ int space_evict(struct space *s, bool all_derived, uint64_t *ret_bytes, uint64_t
 	return r;
 }
 
-int space_measure(struct space *s, struct err *err)
+int space_measure(struct space *s, const atomic_bool *stop, struct err *err)
 {
 	struct evict_pass p;
 	int r = begin_pass(&p, s, err);
@@ -469,6 +472,7 @@ int space_measure(struct space *s, struct err *err)
 	if (r)
 		return r;
 	p.need = SPACE_MUST;
+	p.stop = stop;
 	r = read_all(&p, err);
 	end_pass(&p);
 	return r;

@@ -252,6 +252,10 @@ static void reports(void **state)
 		for (int k = 0; k < VIEW_RULES; k++)
 			r.removed[k] = i * 1000 + (uint64_t)k;
 		report_text(&r, text, sizeof text);
+		/* What is zero or empty takes no room. */
+		assert_null(strstr(text, " 0\n"));
+		assert_null(strstr(text, " 0.000000\n"));
+		assert_null(strstr(text, " \n"));
 		snprintf(text + strlen(text), 99, "no-such 5\nremoved-never 6\n\nnothing\n");
 		report_parse(text, &back);
 		snprintf(text, sizeof text, "%.6f", r.worked_seconds);
@@ -329,7 +333,7 @@ static bool left(const char *name, bool make)
 }
 
 /* Deferred sweeps wait, and the loop knows it. They begin when the time is over. A stop waits neither for those that are deferred
- * nor for those that wait for a worker: the next start does the same. */
+ * nor for those that wait for a worker, nor for the measuring of the cache: the next start does the same. */
 static void rests(void **state)
 {
 	assert_false(service_is_deferring(h.service));
@@ -352,7 +356,9 @@ static void rests(void **state)
 	gate.closed = true;
 	open_service(UINT64_C(64) << 20, 1);
 	assert_false(service_is_deferring(h.service));
+	turn_until(h.service->core->priv->disk.work);
 	service_stop(h.service);
+	turn_until(!h.service->core->priv->disk.work);
 	gate_open();
 	close_service();
 	assert_true(left("gone-0", false));

@@ -196,7 +196,7 @@ static void the_oldest_go_first(void **state)
 	put("datasets/seg", 200 * KIB, 9000);
 	selection(1, 200 * KIB, 400, &sel[0]);
 	selection(2, 100 * KIB, 50, &sel[1]);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 600 * KIB);
 	assert_int_equal(bytes_of(SPACE_SELECTIONS), 300 * KIB + 20);
 	/* 900 K are there: 250 K more make 126 too many. One of them goes. */
@@ -227,7 +227,7 @@ static void what_is_in_use_goes_last(void **state)
 	put("domains/d-old", 300 * KIB, 500);
 	put("domains/d-mine", 300 * KIB, 100);
 	selection(1, 300 * KIB, 1000, &sel);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	space_hold(s, sel);
 	space_hold(s, sel);
 	space_release(s, sel);
@@ -259,7 +259,7 @@ static void over_the_quota(void **state)
 		snprintf(name, sizeof name, "domains/d-%d", i);
 		put(name, 4 * KIB, 10000 - i);
 	}
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_true(space_is_exceeded(s));
 	assert_int_equal(space_evict(s, false, &bytes, &files, &err), 0);
 	assert_false(space_is_exceeded(s));
@@ -273,7 +273,7 @@ static void over_the_quota(void **state)
 		snprintf(name, sizeof name, "%s/domains/d-%d", folder, i);
 		remove(name);
 	}
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), (600 - files) * 4 * KIB);
 	assert_int_equal(space_evict(s, true, &bytes, &files, &err), 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 0);
@@ -291,27 +291,27 @@ static void a_look_beside_what_is_written(void **state)
 	open_with("10M", "");
 	put("domains/old", 300 * KIB, 100);
 	selection(1, 200 * KIB, 100, &d);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(bytes_of(SPACE_SELECTIONS), 200 * KIB + 10);
 	assert_int_equal(space_take(s, SPACE_DOMAINS, 90 * KIB, SPACE_MAY, "a domain", &err), 0);
 	assert_int_equal(space_take(s, SPACE_SELECTIONS, 500 * KIB, SPACE_MUST, "a selection", &err), 0);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 390 * KIB);
 	assert_int_equal(bytes_of(SPACE_SELECTIONS), 700 * KIB + 10);
 	/* Half of it is there, under its temporary name: it is in what was taken. What a crash left is in nobody's. */
 	put("domains/new.tmp", 40 * KIB, 0);
 	put("domains/a/left.tmp", 7 * KIB, 600);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 397 * KIB);
 	assert_int_equal(unlinkat(fd, "domains/a/left.tmp", 0), 0);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(renameat(fd, "domains/new.tmp", fd, "domains/new"), 0);
 	put("domains/new", 80 * KIB, 0);
 	space_commit(s, SPACE_DOMAINS, 90 * KIB, 80 * KIB);
 	space_commit(s, SPACE_SELECTIONS, 500 * KIB, 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 380 * KIB);
 	assert_int_equal(bytes_of(SPACE_SELECTIONS), 200 * KIB + 10);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 380 * KIB);
 	assert_int_equal(bytes_of(SPACE_SELECTIONS), 200 * KIB + 10);
 }
@@ -330,11 +330,26 @@ static void an_eviction_that_failed_before(void **state)
 	assert_int_equal(mkdirat(fd, name, 0700), 0);
 	snprintf(name, sizeof name, "selected/tmp-gone-%s/x", hex);
 	put(name, 10, 0);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(space_evict(s, true, &bytes, &files, &err), 0);
 	assert_int_equal(files, 1);
 	assert_false(selected(d));
 	assert_false(is_there(name));
+}
+
+static void a_look_that_is_cancelled(void **state)
+{
+	const atomic_bool stop = true;
+	struct err err = ERR_INIT;
+
+	open_with("10M", "");
+	put("domains/old", 300 * KIB, 100);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
+	put("domains/older", 300 * KIB, 200);
+	assert_int_equal(space_measure(s, &stop, &err), -ERR_CANCELLED);
+	assert_int_equal(bytes_of(SPACE_DOMAINS), 300 * KIB);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
+	assert_int_equal(bytes_of(SPACE_DOMAINS), 600 * KIB);
 }
 
 static void a_cache_that_is_gone(void **state)
@@ -346,7 +361,7 @@ static void a_cache_that_is_gone(void **state)
 	assert_int_equal(unlinkat(fd, "domains/a/b", AT_REMOVEDIR) | unlinkat(fd, "domains/a", AT_REMOVEDIR) |
 				 unlinkat(fd, "domains", AT_REMOVEDIR) | unlinkat(fd, "selected", AT_REMOVEDIR),
 			 0);
-	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
 	assert_int_equal(space_evict(s, true, &bytes, &files, &err), 0);
 	assert_int_equal(files, 0);
 }
@@ -428,6 +443,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(over_the_quota, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_look_beside_what_is_written, setup, teardown),
 		cmocka_unit_test_setup_teardown(an_eviction_that_failed_before, setup, teardown),
+		cmocka_unit_test_setup_teardown(a_look_that_is_cancelled, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_cache_that_is_gone, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_file_system_that_hangs, setup, teardown),
 	};
