@@ -8,7 +8,6 @@
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
-#include "outputs_front.h"
 #include "sort.h"
 
 struct outputs_change;
@@ -218,7 +217,6 @@ struct outputs_target {
 struct outputs {
 	struct outputs_options opt;
 	struct outputs_target *target, **end;
-	bool positions;                /* an output needs them; so does the gathering of edges */
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
 	struct outputs_levels *levels; /* likewise, but for --levels */
@@ -229,7 +227,6 @@ struct outputs {
 	struct outputs_head head;
 	struct acut_mesh_tail tail; /* with these digests */
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
-	struct outputs_front front;
 	struct outputs_hull *hull; /* NULL: nothing is trimmed */
 	struct outputs_mask *mask; /* NULL: there is neither --mask nor --erase */
 	struct outputs_edge edge;
