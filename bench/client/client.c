@@ -105,7 +105,7 @@ static int on_block(struct bench *b)
 				      .ntriangle = s->ntriangle};
 
 	memcpy(out.box, s->box, sizeof(out.box));
-	if (b->step >= CHECK && check_block(b->check, s, &b->err))
+	if (b->step >= CHECK && check_block(b->check, s, &out.local, &b->err))
 		return 1;
 	return b->step >= FORMAT ? b->sink.block(b->sink.ctx, &out) : 0;
 }

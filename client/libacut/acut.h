@@ -623,7 +623,7 @@ struct acut_mesh_block {
 	 */
 	const uint8_t *flags;
 	uint32_t nforeign, nnew, ntriangle;
-	int32_t (*local)[3]; /* nforeign free places, then `vertex`: for who keeps the positions of open vertices; or NULL */
+	const int32_t (*local)[3]; /* positions of all of these: of the foreign ones, then `vertex` */
 	/* Of a view with `hidden`: the record of each new vertex; else NULL. */
 	const struct acut_mesh_origin *origin;
 };

@@ -1,7 +1,8 @@
 /*
  * Checking a mesh as it streams by. Both digests are sums, so blocks need no order. All that is kept of a block are the
  * positions of vertices that later blocks may use: those not yet final. They are in a hash table by number (open addressing,
- * linear probing, deletion by shifting back), which grows with the open vertices and not with the mesh.
+ * linear probing, deletion by shifting back), which grows with the open vertices and not with the mesh: 36 to 72 bytes each, and
+ * half of that more while it grows.
  */
 #include "check.h"
 
@@ -13,7 +14,7 @@
 
 struct slot {
 	uint64_t key; /* vertex number + 1; 0: free */
-	int32_t xy[2];
+	int32_t at[3];
 };
 
 struct check {
@@ -83,9 +84,11 @@ static int grow(struct check *c, struct err *err)
 	uint64_t n = (uint64_t)1 << c->bits;
 	struct slot *slot = calloc(2 * n, sizeof *slot);
 
-	if (!slot)
-		return err_set(err, ERR_NOMEM, "there is no memory for a table of %llu open vertices",
-			       (unsigned long long)(2 * n));
+	if (!slot) {
+		err_set(err, ERR_NOMEM, "there is no memory for more than %llu open vertices", (unsigned long long)c->open);
+		return err_add_hint(err,
+				    "fetch the mesh by windows: few vertices are open unless the points are in convex position");
+	}
 	c->slot = slot;
 	c->bits++;
 	for (uint64_t i = 0; i < n; i++)
@@ -103,7 +106,7 @@ static int insert(struct check *c, uint64_t number, const int32_t position[3], s
 		if (r < 0)
 			return r;
 	}
-	*find(c, number + 1) = (struct slot){number + 1, {position[0], position[1]}};
+	*find(c, number + 1) = (struct slot){number + 1, {position[0], position[1], position[2]}};
 	c->open++;
 	return 0;
 }
@@ -155,7 +158,6 @@ static int room_of(struct check *c, const struct stream_block *b, int32_t (**ret
 	return 0;
 }
 
-/* Their heights are not known here, and are left alone. */
 static int look_up_foreign(struct check *c, const struct stream_block *b, int32_t (*position)[3], struct err *err)
 {
 	for (uint32_t i = 0; i < b->nforeign; i++) {
@@ -164,7 +166,7 @@ static int look_up_foreign(struct check *c, const struct stream_block *b, int32_
 		if (slot->key == 0)
 			return err_set(err, ERR_PROTO, "block %llu uses vertex %llu, which was final in an earlier block",
 				       (unsigned long long)b->index, (unsigned long long)b->foreign[i]);
-		memcpy(position[i], slot->xy, sizeof slot->xy);
+		memcpy(position[i], slot->at, sizeof slot->at);
 		if (is_final(b, i))
 			erase(c, slot);
 	}
@@ -204,7 +206,7 @@ static void add_triangles(struct check *c, const struct stream_block *b, const i
 	}
 }
 
-int check_block(struct check *c, const struct stream_block *b, struct err *err)
+int check_block(struct check *c, const struct stream_block *b, const int32_t (**ret)[3], struct err *err)
 {
 	int32_t(*position)[3] = NULL;
 	int r = room_of(c, b, &position, err);
@@ -213,9 +215,11 @@ int check_block(struct check *c, const struct stream_block *b, struct err *err)
 		r = look_up_foreign(c, b, position, err);
 	if (r == 0)
 		r = take_new(c, b, err);
-	if (r == 0)
-		add_triangles(c, b, (const int32_t(*)[3])position);
-	return r;
+	if (r < 0)
+		return r;
+	*ret = (const int32_t(*)[3])position;
+	add_triangles(c, b, *ret);
+	return 0;
 }
 
 static int compare(const char *what, struct digest came, struct digest said, struct err *err)
@@ -265,7 +269,7 @@ int check_changes(const struct check *c, const struct stream_base *base, const s
 
 /* ---- as bytes ---- */
 
-enum { PACKED_HEAD = 40, PACKED_SLOT = 16 };
+enum { PACKED_HEAD = 40, PACKED_SLOT = 20 };
 
 size_t check_packed_size(const struct check *c)
 {
@@ -285,8 +289,8 @@ void check_pack(const struct check *c, struct packer *p)
 		if (s->key == 0)
 			continue;
 		packer_u64(p, s->key - 1);
-		packer_i32(p, s->xy[0]);
-		packer_i32(p, s->xy[1]);
+		for (unsigned k = 0; k < 3; k++)
+			packer_i32(p, s->at[k]);
 	}
 }
 
@@ -304,10 +308,10 @@ int check_unpack(struct check *c, struct cursor *in, struct err *err)
 		return err_set(err, ERR_CORRUPT, "the state of a fetch is damaged");
 	for (uint64_t i = 0; r == 0 && i < open; i++) {
 		uint64_t number = cursor_u64(in);
-		int32_t at[3] = {0};
+		int32_t at[3];
 
-		at[0] = cursor_i32(in);
-		at[1] = cursor_i32(in);
+		for (unsigned k = 0; k < 3; k++)
+			at[k] = cursor_i32(in);
 		if (number == UINT64_MAX || find(c, number + 1)->key != 0)
 			r = err_set(err, ERR_CORRUPT, "the state of a fetch is damaged");
 		else

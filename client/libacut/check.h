@@ -13,8 +13,9 @@ struct check;
 /* k: the lattice's offsets; absolute number = number + k. NULL: no memory. */
 struct check *check_new(const int64_t k[3]);
 struct check *check_free(struct check *);
-/* -ERR_PROTO: a vertex is used after it was final; -ERR_NOMEM. */
-int check_block(struct check *, const struct stream_block *, struct err *err);
+/* *ret: the positions of the block's vertices, foreign ones first; valid until the next call, or as long as the block.
+ * -ERR_PROTO: a vertex is used after it was final; -ERR_NOMEM. */
+int check_block(struct check *, const struct stream_block *, const int32_t (**ret)[3], struct err *err);
 /* After the last block. -ERR_DIGEST: a digest differs from the tail's; -ERR_PROTO: the number of vertices that never became
  * final is not the hull's (whole meshes only). */
 int check_tail(const struct check *, const struct stream_tail *, bool whole, struct err *err);

@@ -83,10 +83,9 @@ int feed_block(struct feed *f, const struct stream_block *b, struct err *err)
 		.nforeign = b->nforeign,
 		.nnew = b->nnew,
 		.ntriangle = b->ntriangle,
-		.local = b->local,
 		.origin = (const struct acut_mesh_origin *)(const void *)b->origin,
 	};
-	int r = check_block(f->check, b, err);
+	int r = check_block(f->check, b, &out.local, err);
 
 	if (r < 0 || !f->sink->block)
 		return r;

@@ -12,7 +12,7 @@
 
 enum { STATE_HEAD = 8 + 8 + 16 + 3 * 8 + 4 * 8 + 6 * 4, STATE_SUM = 8 };
 static const uint32_t STATE_MAGIC = 0x53464341; /* "ACFS" */
-static const uint32_t STATE_VERSION = 1;
+static const uint32_t STATE_VERSION = 2;
 
 int acut_fetch_state(struct acut *a, void **ret, size_t *ret_size)
 {

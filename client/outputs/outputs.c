@@ -1,12 +1,11 @@
 /*
  * One stream to several outputs.
  *
- * The order inside: positions of local vertices (only if an output needs them), triangles held back by --trim-hull, those left
- * out by --mask and --erase, those by --max-edge, then each output, through the canonical order if asked. What the hull is
- * depends on the whole mesh, so it is found first; the others look at a triangle alone, so that a triangle is written if no
- * option leaves it out. The first failure is kept, ends the fetch, and makes publishing impossible. Outputs are published one
- * after the other when the stream has ended well: with several of them, a failure between two leaves the earlier ones, each of
- * them whole.
+ * The order inside: triangles held back by --trim-hull, those left out by --mask and --erase, those by --max-edge, then each
+ * output, through the canonical order if asked. What the hull is depends on the whole mesh, so it is found first; the others look
+ * at a triangle alone, so that a triangle is written if no option leaves it out. The first failure is kept, ends the fetch, and
+ * makes publishing impossible. Outputs are published one after the other when the stream has ended well: with several of them, a
+ * failure between two leaves the earlier ones, each of them whole.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -56,7 +55,6 @@ int outputs_new(const struct outputs_options *opt, struct outputs **ret, struct 
 	run->opt = *opt;
 	if (!run->opt.sort_memory)
 		run->opt.sort_memory = SORT_MEMORY;
-	run->positions = opt->max_edge.given || opt->trim_hull.given;
 	trimmed_text(run, run->trimmed, sizeof(run->trimmed));
 	run->end = &run->target;
 	run->err = ERR_INIT;
@@ -68,7 +66,6 @@ int outputs_cut(struct outputs *run, enum outputs_cut cut, const char *file, str
 {
 	int r = outputs_mask_add(&run->mask, cut, file, err);
 
-	run->positions = true;
 	trimmed_text(run, run->trimmed, sizeof(run->trimmed));
 	return r;
 }
@@ -153,7 +150,6 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 				  outputs_levels_new(path, format, opt, &run->opt, &run->levels, err);
 	if (!r && run->tiles)
 		run->tiles->moves = &run->joined.moves;
-	run->positions |= run->opt.tiled || run->opt.levels;
 	if (!r && !run->opt.joins && (run->opt.tiled || run->opt.levels))
 		r = trim(run, run->tiles ? run->tiles->index : outputs_levels_beside(run->levels), err);
 	if (r || run->opt.tiled || run->opt.levels) {
@@ -172,10 +168,8 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 		r = outfile_hold(t->out, t->part, err);
 	if (!r && path)
 		r = outputs_beside_open(t, path, err);
-	if (!r && run->opt.changes && !run->change) {
+	if (!r && run->opt.changes && !run->change)
 		r = outputs_change_new(t->out, path, opt, &run->change, err);
-		run->positions |= !r && path;
-	}
 	if (!r)
 		r = format->open(t->out, opt, &t->writer, err);
 	if (r) {
@@ -184,7 +178,6 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 		target_free(t);
 		return r;
 	}
-	run->positions |= format->positions || opt->canonical;
 	*run->end = t;
 	run->end = &t->next;
 	return trim(run, t->out, err);
@@ -255,12 +248,10 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 {
 	struct outputs *run = ctx;
 	struct acut_mesh_block kept;
-	struct format_block block = {b, NULL};
+	struct format_block block = {b, b->local};
 	int r = 0;
 
-	if (run->positions || run->edge.gather)
-		r = outputs_front_block(&run->front, b, &block.position, &run->err);
-	if (!r && run->change)
+	if (run->change)
 		r = outputs_change_block(run->change, &block, &run->err);
 	if (!r && run->hull) {
 		r = outputs_hull_block(run->hull, b, block.position, &kept, &run->err);
@@ -329,7 +320,6 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 	struct acut_mesh_tail written;
 	int r = 0;
 
-	outputs_front_done(&run->front);
 	if (run->hull)
 		r = outputs_hull_rest(run->hull, run_write, run, &run->err);
 	if (!r)
@@ -496,7 +486,6 @@ struct outputs *outputs_free(struct outputs *run)
 	outputs_tiles_free(run->tiles);
 	outputs_levels_free(run->levels);
 	outputs_change_free(run->change);
-	outputs_front_done(&run->front);
 	outputs_hull_free(run->hull);
 	outputs_mask_free(run->mask);
 	outputs_edge_done(&run->edge);

@@ -2,7 +2,7 @@
  * The state of outputs that can be continued later: NAME.part.state beside the first output.
  *
  * The state is written between two blocks, when everything that it describes is on the disk: the options and the job, the
- * size and the hashes of each output's file (outfile_part.c), the counts of writers, edges and open vertices, and the state
+ * size and the hashes of each output's file (outfile_part.c), the counts of writers and edges, and the state
  * of the fetch. It replaces the last one as a whole, so however the process ends there is a state, and files that have at
  * least its bytes. format.md, "State of a fetch", describes the bytes.
  */
@@ -24,7 +24,7 @@
 
 enum { OPTIONS = 4096, TARGET_SAVED = 2 * 32 + 8 + FORMAT_SAVED };
 static const uint32_t MAGIC = 0x534b4341; /* "ACKS" */
-static const uint32_t VERSION = 5;
+static const uint32_t VERSION = 6;
 
 struct outputs_kept {
 	char *options;
@@ -261,7 +261,6 @@ int outputs_keep_head(struct outputs *run, const struct acut_mesh_head *head, st
 		outputs_edge_add(&run->edge, &c);
 		for (enum outputs_cut k = 0; k < OUTPUTS_CUTS; k++)
 			outputs_left_load(run->mask ? outputs_mask_left(run->mask, k) : &none, &c);
-		r = outputs_front_load(&run->front, &c, err);
 	}
 	if (!r && (c.bad || cursor_left(&c) != 8))
 		r = outfile_part_damaged(run->target->out, err);
@@ -331,14 +330,12 @@ static void pack(const struct outputs *run, const void *state, size_t size, stru
 	outputs_edge_save(&run->edge, p);
 	for (enum outputs_cut k = 0; k < OUTPUTS_CUTS; k++)
 		outputs_left_save(run->mask ? outputs_mask_left(run->mask, k) : &none, p);
-	outputs_front_save(&run->front, p);
 	packer_u64(p, XXH3_64bits(p->start, packer_size(p)));
 }
 
 int outputs_save(struct outputs *run, const void *state, size_t size, struct err *err)
 {
-	size_t room = 64 + OPTIONS + size + sizeof(run->edge) + OUTPUTS_CUTS * sizeof(struct outputs_left) +
-		      run->front.used * OUTPUTS_FRONT_SAVED;
+	size_t room = 64 + OPTIONS + size + sizeof(run->edge) + OUTPUTS_CUTS * sizeof(struct outputs_left);
 	struct packer p;
 	uint8_t *bytes;
 	int r = 0;

@@ -8,7 +8,6 @@
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
-#include "outputs_front.h"
 #include "sort.h"
 
 struct outputs_change;
@@ -222,7 +221,6 @@ struct outputs_target {
 struct outputs {
 	struct outputs_options opt;
 	struct outputs_target *target, **end;
-	bool positions;                /* an output needs them; so does the gathering of edges */
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
 	struct outputs_levels *levels; /* likewise, but for --levels */
@@ -232,7 +230,6 @@ struct outputs {
 	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
 	struct outputs_head head;
 	struct outputs_tail tail;
-	struct outputs_front front;
 	struct outputs_hull *hull; /* NULL: nothing is trimmed */
 	struct outputs_mask *mask; /* NULL: there is neither --mask nor --erase */
 	struct outputs_edge edge;

@@ -10,7 +10,6 @@
 
 #include "err.h"
 #include "format_axis.h"
-#include "outputs_front.h"
 #include "volume_priv.h"
 
 struct volume {
@@ -19,7 +18,6 @@ struct volume {
 	struct volume_rows *rows;
 	struct volume_images *images;
 	struct volume_join *join;
-	struct outputs_front front;
 	struct err err;
 	struct side {
 		struct volume *volume;
@@ -175,13 +173,12 @@ static int take_block(void *ctx, const struct acut_mesh_block *b)
 {
 	struct side *s = ctx;
 	struct volume *v = s->volume;
-	const int32_t(*at)[3];
-	int r = outputs_front_block(&v->front, b, &at, &v->err);
+	int r = 0;
 
 	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
 		const uint32_t *t = b->triangle[i];
 
-		r = take_triangle(s, at[t[0]], at[t[1]], at[t[2]], &v->err);
+		r = take_triangle(s, b->local[t[0]], b->local[t[1]], b->local[t[2]], &v->err);
 		if (!(i & 0xffff) && !r && v->opt.interrupted && v->opt.interrupted(v->opt.ctx))
 			r = err_set(&v->err, ERR_CANCELLED, "interrupted");
 	}
@@ -199,7 +196,6 @@ static int take_tail(void *ctx, const struct acut_mesh_tail *tail)
 	struct side *s = ctx;
 	struct volume *v = s->volume;
 
-	outputs_front_done(&v->front);
 	v->total.triangles[s->i] = tail->triangles + s->kept;
 	if (!v->by_changes)
 		set_digests(v, s->i, tail->digest, tail->vertex_digest);
@@ -257,16 +253,15 @@ static int whole_head(void *ctx, const struct acut_mesh_head *head)
 static int whole_block(void *ctx, const struct acut_mesh_block *b)
 {
 	struct volume *v = ctx;
-	const int32_t(*at)[3];
-	int r = outputs_front_block(&v->front, b, &at, &v->err);
 
-	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
-		const int32_t *p = at[b->triangle[i][0]], *q = at[b->triangle[i][1]], *o = at[b->triangle[i][2]];
+	for (uint32_t i = 0; i < b->ntriangle; i++) {
+		const uint32_t *t = b->triangle[i];
+		const int32_t *p = b->local[t[0]], *q = b->local[t[1]], *o = b->local[t[2]];
 
 		v->whole += (volume_i128)((int64_t)q[0] - p[0]) * ((int64_t)o[1] - p[1]) -
 			    (volume_i128)((int64_t)q[1] - p[1]) * ((int64_t)o[0] - p[0]);
 	}
-	return r;
+	return 0;
 }
 
 static int whole_tail(void *ctx, const struct acut_mesh_tail *tail)
@@ -274,7 +269,6 @@ static int whole_tail(void *ctx, const struct acut_mesh_tail *tail)
 	struct volume *v = ctx;
 	volume_i128 times = v->frame.times[1][0];
 
-	outputs_front_done(&v->front);
 	volume_rows_kept(v->rows, v->whole * times * times);
 	return 0;
 }
@@ -349,7 +343,6 @@ struct volume *volume_free(struct volume *v)
 		volume_join_free(v->join);
 		volume_images_free(v->images);
 		volume_rows_free(v->rows);
-		outputs_front_done(&v->front);
 	}
 	free(v);
 	return NULL;

@@ -14,9 +14,8 @@
 #include "io.h"
 #include "mesh_stream.h"
 
-/* What an open vertex takes in the table of the feed (libacut's check.c) and in that of the writers (outputs_front.c), which
- * double. */
-enum { OPEN_BYTES = 216, MEGA = 1 << 20 };
+/* What an open vertex takes at most in the table of the feed (libacut's check.c), which doubles. */
+enum { OPEN_BYTES = 108, MEGA = 1 << 20 };
 
 struct emission {
 	const struct gather_input *in;
@@ -37,7 +36,7 @@ static int check_open_vertices(const struct emission *e, struct err *err)
 	if (check_open(e->feed.check) <= e->open_most)
 		return 0;
 	err_set(err, ERR_LIMIT,
-		"more than %llu of %llu vertices are open at once, as in convex position, and their tables do not fit a task",
+		"more than %llu of %llu vertices are open at once, as in convex position, and their table does not fit a task",
 		(unsigned long long)e->open_most, (unsigned long long)e->in->sums.vertices);
 	err->need = p->memory + 4 * OPEN_BYTES * (e->in->sums.vertices - e->open_most);
 	return err_add_hint(err, "make PLY or STL by several tasks (--task-points), or begin a new run with --task-memory %lluM",

@@ -30,7 +30,7 @@ compare("acutctl formats", [[j["format"], j["help"], j["extensions"]] for j in l
         [[r[0], r[4], r[2]] for r in rows])
 
 page = read("man/acutctl.1.scd")
-option = find("--input-format", r"\*--input-format\* _FORMAT_\n\t([^\n]*)", page)
+option = find("--input-format", r"\*--input-format\* _FORMAT_\n\t(.*?)\n\n", page)
 compare("acutctl(1), --input-format", sorted(re.findall(r"\*(\w+)\*", option)), sorted(set(names) | {e[1:] for e in extensions}))
 compare("acutctl-json(7), format", re.findall(r"\*(\w+)\*", find("format of a file", r"\*file\*, \*format\* \(_text_\)\n\tIts name; ([^\n]*)",
                                                                 read("man/acutctl-json.7.scd"))), names)

@@ -203,6 +203,8 @@ int got_block(void *ctx, const struct acut_mesh_block *b)
 		assert_int_equal(b->foreign[1], 2);
 		assert_int_equal(b->vertex[0][2], -8);
 		assert_int_equal(b->triangle[0][1], 2);
+		/* of vertices 1 and 2, also in a fetch that goes on, then its own */
+		assert_memory_equal(b->local, vertex[1], 3 * sizeof vertex[0]);
 	}
 	return got->stop_at == got->blocks;
 }

@@ -83,11 +83,12 @@ static void fix_checksums(uint8_t *bytes, size_t size)
 static int on_event(struct stream_reader *r, struct check **check, enum stream_event event, struct err *err)
 {
 	static const int64_t k[3] = {5, -7, 0};
+	const int32_t(*position)[3];
 
 	if (event == STREAM_HEAD)
 		*check = check_new(k);
 	if (event == STREAM_BLOCK)
-		return check_block(*check, stream_reader_block(r), err);
+		return check_block(*check, stream_reader_block(r), &position, err);
 	if (event == STREAM_GONE) {
 		size_t n;
 		const struct stream_region *region = stream_reader_gone(r, &n);

@@ -1,7 +1,7 @@
 /*
  * The checks of a stream: digests of a mesh cut into blocks are those of the mesh counted directly; one
  * moved vertex, one turned or missing triangle, one early final mark is found; the table holds only what is
- * open.
+ * open, and gives the position of each vertex of a block.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -104,12 +104,25 @@ static void expect(struct stream_tail *tail)
 _Static_assert(offsetof(struct strip, vertex) == offsetof(struct strip, room) + sizeof(((struct strip *)NULL)->room),
 	       "one array");
 
+static void expect_positions(const struct strip *s, unsigned column, const int32_t (*at)[3])
+{
+	const unsigned n = H + 1, from = s->block.nforeign ? column : 0;
+
+	for (unsigned i = 0; i < s->block.nforeign + s->block.nnew; i++) {
+		int32_t p[3];
+
+		position(from + i / n, i % n, p);
+		assert_memory_equal(at[i], p, sizeof p);
+	}
+}
+
 enum fault { NONE, MOVED, HEIGHT, TURNED, MISSING, EARLY_FINAL, LATE_FINAL };
 
 static int run(enum fault fault, struct err *err)
 {
 	struct check *c = check_new(offset);
 	struct stream_tail tail;
+	const int32_t(*at)[3];
 	struct strip s;
 	int r = 0;
 
@@ -135,9 +148,9 @@ static int run(enum fault fault, struct err *err)
 		memset(s.room, 0x55, sizeof s.room);
 		if (column % 2)
 			s.block.local = s.room;
-		r = check_block(c, &s.block, err);
-		for (unsigned row = 0; row <= H; row++)
-			assert_int_equal(s.room[row][2], 0x55555555); /* no heights are made up */
+		r = check_block(c, &s.block, &at, err);
+		if (r == 0 && fault == NONE)
+			expect_positions(&s, column, at);
 		assert_true(check_open(c) <= 2 * (column + 2) + 2 * (H + 1) + 1);
 	}
 	expect(&tail);
@@ -186,11 +199,12 @@ static void test_table(void **state)
 	uint64_t seed = 88172645463325252u, alive = 0;
 
 	for (uint64_t n = 0; n < N; n++) {
-		int32_t v[1][3] = {{(int32_t)n, (int32_t)(3 * n), 0}};
+		int32_t v[1][3] = {{(int32_t)n, (int32_t)(3 * n), -(int32_t)n}};
 		uint8_t none = 0, all = 1;
+		const int32_t(*at)[3];
 		struct stream_block b = {.first = n, .nnew = 1, .vertex = v, .final = &none};
 
-		assert_int_equal(check_block(c, &b, &err), 0);
+		assert_int_equal(check_block(c, &b, &at, &err), 0);
 		open[n] = 1;
 		alive++;
 		for (unsigned k = 0; k < 3 && n > 0; k++) {
@@ -199,7 +213,10 @@ static void test_table(void **state)
 			seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
 			old = seed % n;
 			b = (struct stream_block){.first = n + 1, .nforeign = 1, .foreign = &old, .final = &all};
-			assert_int_equal(check_block(c, &b, &err), open[old] ? 0 : -ERR_PROTO);
+			assert_int_equal(check_block(c, &b, &at, &err), open[old] ? 0 : -ERR_PROTO);
+			if (open[old])
+				assert_true(at[0][0] == (int32_t)old && at[0][1] == 3 * (int32_t)old &&
+					    at[0][2] == -(int32_t)old);
 			alive -= open[old];
 			open[old] = 0;
 			err_clear(&err);
@@ -208,6 +225,44 @@ static void test_table(void **state)
 	}
 	check_free(c);
 	free(open);
+}
+
+static size_t most_bytes = SIZE_MAX; /* that calloc gives */
+
+void *__real_calloc(size_t n, size_t size);
+void *__wrap_calloc(size_t n, size_t size);
+
+void *__wrap_calloc(size_t n, size_t size)
+{
+	return n * size > most_bytes ? NULL : __real_calloc(n, size);
+}
+
+/* One error when the table cannot grow, after which it still has all vertices. */
+static void test_no_memory(void **state)
+{
+	struct check *c = check_new(offset);
+	uint64_t n = 0, first = 0;
+	uint8_t none = 0, all = 1;
+	int32_t v[1][3] = {{1, 2, 3}};
+	const int32_t(*at)[3];
+	struct err err = ERR_INIT;
+	int r = 0;
+
+	most_bytes = 1 << 20;
+	for (; r == 0; n += r == 0)
+		r = check_block(c, &(struct stream_block){.first = n, .nnew = 1, .vertex = v, .final = &none}, &at, &err);
+	most_bytes = SIZE_MAX;
+	assert_int_equal(r, -ERR_NOMEM);
+	assert_non_null(strstr(err.message, "open vertices"));
+	assert_in_range(n, (1 << 20) / 72, (1 << 20) / 36);
+	assert_int_equal(check_open(c), n);
+	for (; first < n; first++)
+		assert_int_equal(check_block(c,
+					     &(struct stream_block){.first = n, .nforeign = 1, .foreign = &first, .final = &all},
+					     &at, &err),
+				 0);
+	assert_int_equal(check_open(c), 0);
+	check_free(c);
 }
 
 /* Which vertices stay open, whatever the bits and wherever in a byte they begin. */
@@ -221,11 +276,12 @@ static void test_bits(void **state)
 		uint64_t foreign[9];
 		struct stream_block b = {.nnew = nforeign, .vertex = (const int32_t(*)[3])vertex, .final = final};
 		struct check *c = check_new(offset);
+		const int32_t(*at)[3];
 		struct err err = ERR_INIT;
 		uint64_t open = 0;
 
 		assert_non_null(c);
-		assert_int_equal(check_block(c, &b, &err), 0);
+		assert_int_equal(check_block(c, &b, &at, &err), 0);
 		assert_int_equal(check_open(c), nforeign);
 		for (unsigned i = 0; i < nforeign; i++)
 			foreign[i] = i;
@@ -242,7 +298,7 @@ static void test_bits(void **state)
 					  .foreign = foreign,
 					  .vertex = (const int32_t(*)[3])vertex,
 					  .final = final};
-		assert_int_equal(check_block(c, &b, &err), 0);
+		assert_int_equal(check_block(c, &b, &at, &err), 0);
 		assert_int_equal(check_open(c), open);
 		check_free(c);
 	}
@@ -252,10 +308,8 @@ static void test_bits(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_bits),
-		cmocka_unit_test(test_agrees),
-		cmocka_unit_test(test_faults),
-		cmocka_unit_test(test_table),
+		cmocka_unit_test(test_bits),  cmocka_unit_test(test_agrees),    cmocka_unit_test(test_faults),
+		cmocka_unit_test(test_table), cmocka_unit_test(test_no_memory),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

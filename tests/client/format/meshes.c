@@ -120,12 +120,36 @@ void meshes_make(struct meshes *m, const struct meshes_spec *s)
 	memcpy(m->tail.box, m->head.box, sizeof(m->tail.box));
 }
 
+/* The position of a vertex by its number. */
+static void position_of(const struct meshes *m, uint64_t number, int32_t ret[3])
+{
+	for (size_t i = 0; i < m->nblock; i++)
+		if (number - m->block[i].first < m->block[i].nnew)
+			memcpy(ret, m->block[i].vertex[number - m->block[i].first], sizeof(m->block[i].vertex[0]));
+}
+
+int meshes_block(const struct meshes *m, const struct acut_mesh_sink *sink, size_t i)
+{
+	struct acut_mesh_block b = m->block[i];
+	int32_t(*local)[3] = calloc(b.nforeign + b.nnew + 1, sizeof(*local));
+	int r;
+
+	for (uint32_t k = 0; k < b.nforeign; k++)
+		position_of(m, b.foreign[k], local[k]);
+	if (b.nnew)
+		memcpy(local + b.nforeign, b.vertex, b.nnew * sizeof(*local));
+	b.local = (const int32_t(*)[3])local;
+	r = sink->block(sink->ctx, &b);
+	free(local);
+	return r;
+}
+
 int meshes_send(const struct meshes *m, const struct acut_mesh_sink *sink, size_t nblock)
 {
 	int r = sink->head(sink->ctx, &m->head);
 
 	for (size_t i = 0; i < m->nblock && i < nblock && !r; i++)
-		r = sink->block(sink->ctx, &m->block[i]);
+		r = meshes_block(m, sink, i);
 	return r || nblock < m->nblock ? r : sink->tail(sink->ctx, &m->tail);
 }
 

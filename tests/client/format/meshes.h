@@ -27,6 +27,8 @@ extern const struct meshes_spec meshes_many; /* several blocks, of several rows 
 /* What a format needs to take all of these: those of 32-bit floats an origin. */
 struct format_options meshes_options(const struct format *);
 void meshes_make(struct meshes *, const struct meshes_spec *);
+/* Block i, with the positions of all its vertices, as libacut gives it. */
+int meshes_block(const struct meshes *, const struct acut_mesh_sink *, size_t i);
 /* Head, the first `nblock` blocks, and the tail if that is all of them; what the sink answered. */
 int meshes_send(const struct meshes *, const struct acut_mesh_sink *, size_t nblock);
 /* Writes it as one output, and publishes it; 0, or what failed. `report` may be NULL. */

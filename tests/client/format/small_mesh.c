@@ -150,7 +150,7 @@ int small_send(const struct acut_mesh_sink *sink, uint64_t *seed)
 	for (unsigned from = 0; !r && from < small.n;) {
 		unsigned n = 1 + (unsigned)random_below(seed, small.n - from);
 		uint64_t foreign[SMALL_POINTS];
-		int32_t vertex[SMALL_POINTS][3];
+		int32_t at[SMALL_POINTS][3]; /* of all */
 		uint8_t flags[SMALL_TRIANGLES] = {0};
 		uint32_t triangle[SMALL_TRIANGLES][3], local[SMALL_POINTS], nforeign = 0, nnew = 0;
 		struct acut_mesh_block b = {.index = from, .first = next, .box = {(int64_t)from, 0, 1, 1}, .ntriangle = n};
@@ -165,10 +165,11 @@ int small_send(const struct acut_mesh_sink *sink, uint64_t *seed)
 				if (!used || old == (pass == 1))
 					continue;
 				local[i] = old ? nforeign : nforeign + nnew;
+				memcpy(at[local[i]], small.at[i], 12);
 				if (old) {
 					foreign[nforeign++] = number[i];
 				} else {
-					memcpy(vertex[nnew++], small.at[i], 12);
+					nnew++;
 					number[i] = next++;
 				}
 			}
@@ -183,7 +184,8 @@ int small_send(const struct acut_mesh_sink *sink, uint64_t *seed)
 		b.nforeign = nforeign;
 		b.nnew = nnew;
 		b.foreign = foreign;
-		b.vertex = (const int32_t(*)[3])vertex;
+		b.local = (const int32_t(*)[3])at;
+		b.vertex = b.local + nforeign;
 		b.triangle = (const uint32_t(*)[3])triangle;
 		r = sink->block(sink->ctx, &b);
 		from += n;

@@ -551,48 +551,6 @@ static void test_axis(void **state)
 	}
 }
 
-/* Open vertices under numbers that collide, against a plain list: all are found until they are final. */
-static void test_open(void **state)
-{
-	enum { LIVE = 3000, ROUNDS = 20000 };
-	static uint64_t number[LIVE];
-	struct outputs_front table = {0};
-	size_t live = 0;
-
-	srandom(7);
-	for (int round = 0; round < ROUNDS; round++) {
-		uint64_t foreign[4], used[4];
-		int32_t v[2][3];
-		uint8_t final[1] = {0};
-		struct acut_mesh_block b = {.foreign = foreign, .vertex = (const int32_t(*)[3])v, .final = final, .nnew = 2};
-		const int32_t(*position)[3];
-		struct err err = ERR_INIT;
-
-		b.first = ((uint64_t)random() << 31 | (uint64_t)random()) << 1;
-		for (int i = 0; i < 2; i++)
-			v[i][0] = v[i][1] = v[i][2] = (int32_t)(b.first + (uint64_t)i);
-		for (; b.nforeign < 4 && b.nforeign < live; b.nforeign++) {
-			size_t at = (size_t)random() % live;
-			foreign[b.nforeign] = number[at];
-			used[b.nforeign] = at;
-			number[at] = number[--live]; /* out of the list, so that it is not taken twice */
-			if (live < LIVE / 2 || random() % 2)
-				used[b.nforeign] = UINT64_MAX; /* stays */
-			else
-				final[0] |= (uint8_t)(1u << b.nforeign);
-		}
-		assert_int_equal(outputs_front_block(&table, &b, &position, &err), 0);
-		for (uint32_t i = 0; i < b.nforeign; i++) {
-			assert_int_equal(position[i][2], (int32_t)foreign[i]);
-			if (used[i] == UINT64_MAX)
-				number[live++] = foreign[i];
-		}
-		for (uint64_t i = 0; i < 2 && live < LIVE; i++)
-			number[live++] = b.first + i;
-	}
-	outputs_front_done(&table);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -608,7 +566,6 @@ int main(void)
 		cmocka_unit_test(test_edges),
 		cmocka_unit_test(test_origin),
 		cmocka_unit_test(test_axis),
-		cmocka_unit_test(test_open),
 	};
 
 	return written_run(tests, sizeof tests / sizeof *tests);

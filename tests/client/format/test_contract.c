@@ -405,21 +405,6 @@ static void test_link(void **state)
 	each_row(through_link);
 }
 
-/* A stream that uses a finished vertex is refused by whoever needs positions. */
-static void test_finished_vertex(void **state)
-{
-	const struct outputs_options ropt = {.sort_memory = 1 << 20};
-	const struct format_options opt = {.width = 50};
-	struct meshes m;
-	struct err err = ERR_INIT;
-
-	meshes_make(&m, &meshes_many);
-	memset((void *)m.block[0].final, 0xff, (m.block[0].nnew + 7) / 8);
-	assert_int_equal(write_mesh(format_find("png"), &m, folder_out, &opt, &ropt, SIZE_MAX, &err), -ERR_PROTO);
-	assert_int_equal(folder_count(folder_own), 0);
-	meshes_done(&m);
-}
-
 static void test_wrong_options(void **state)
 {
 	const struct outputs_options ropt = {.sort_memory = 1 << 20}, changes = {.changes = true};
@@ -547,11 +532,10 @@ static void test_named(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_whole), cmocka_unit_test(test_stopped),         cmocka_unit_test(test_full_disk),
-		cmocka_unit_test(test_pipe),  cmocka_unit_test(test_device),          cmocka_unit_test(test_clobber),
-		cmocka_unit_test(test_link),  cmocka_unit_test(test_finished_vertex), cmocka_unit_test(test_wrong_options),
-		cmocka_unit_test(test_table), cmocka_unit_test(test_tiles),           cmocka_unit_test(test_nothing),
-		cmocka_unit_test(test_named),
+		cmocka_unit_test(test_whole), cmocka_unit_test(test_stopped),       cmocka_unit_test(test_full_disk),
+		cmocka_unit_test(test_pipe),  cmocka_unit_test(test_device),        cmocka_unit_test(test_clobber),
+		cmocka_unit_test(test_link),  cmocka_unit_test(test_wrong_options), cmocka_unit_test(test_table),
+		cmocka_unit_test(test_tiles), cmocka_unit_test(test_nothing),       cmocka_unit_test(test_named),
 	};
 
 	table = no_sync();

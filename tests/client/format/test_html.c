@@ -379,10 +379,10 @@ static void test_given_up(void **state)
 	assert_int_equal(outputs_keep(run, 1, false, &err), 0);
 	sink = outputs_sink(run);
 	assert_int_equal(sink.head(sink.ctx, &m.head), 0);
-	assert_int_equal(sink.block(sink.ctx, &m.block[0]), 0);
+	assert_int_equal(meshes_block(&m, &sink, 0), 0);
 	assert_int_equal(outputs_save(run, "state", 5, &err), 0);
 	assert_true(outputs_saved(run));
-	assert_true(sink.block(sink.ctx, &m.block[1]) || sink.block(sink.ctx, &m.block[2]));
+	assert_true(meshes_block(&m, &sink, 1) || meshes_block(&m, &sink, 2));
 	assert_int_equal(outputs_error(run)->code, ERR_LIMIT);
 	assert_false(outputs_saved(run));
 	outputs_free(run);

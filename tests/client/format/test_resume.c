@@ -56,7 +56,7 @@ static size_t run(const struct format *f, const struct meshes *m, size_t from, s
 	sink = outputs_sink(run);
 	assert_int_equal(sink.head(sink.ctx, &m->head), 0);
 	for (size_t i = from; i < m->nblock && i < stop; i++) {
-		assert_int_equal(sink.block(sink.ctx, &m->block[i]), 0);
+		assert_int_equal(meshes_block(m, &sink, i), 0);
 		if (lost && i + 1 == stop)
 			continue;
 		assert_int_equal(outputs_save(run, "state", 5, &err), 0);
