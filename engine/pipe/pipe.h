@@ -220,7 +220,7 @@ size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
 
 /* The kernel's version. Raise it when the same points give other blocks, or the same in another order of vertices or triangles:
  * stored domains of the old kernel are then not found, and its streams and runs of a cluster do not continue. */
-#define PIPE_KERNEL "kernel 4"
+#define PIPE_KERNEL "kernel 5"
 
 /* What all regions of a mesh have in common. */
 struct pipe_key {

@@ -10,7 +10,7 @@
  * So a cavity of any size needs no memory, no recursion and no marks.
  *
  * There are two ways to compute. "narrow" (the whole input spans less than 2^31): 64-bit coordinates relative to the
- * new position, carried from side to side. "careful" (wide inputs, and wherever a ghost is involved): by vertex
+ * new position, carried from side to side. "careful" (wide inputs, and from the first ghost in conflict on): by vertex
  * numbers, in full precision.
  */
 #include "tri_priv.h"
@@ -20,46 +20,53 @@
 /* Ends of the stack: below the first side of the cavity's first triangle, and below its other two sides. */
 enum { STACK_FIRST = 0xfffffff8u, STACK_LAST = 0xfffffff0u };
 
-/* A vertex relative to the new position, and its height. */
+/* A vertex relative to the new position. */
 struct spoke {
-	int64_t x, y, z;
+	int64_t x, y;
 	uint32_t vertex;
 };
 
 static inline struct spoke spoke_to(const int32_t (*xy)[2], uint32_t vertex, const int32_t p[2])
 {
-	struct spoke s = {(int64_t)xy[vertex][0] - p[0], (int64_t)xy[vertex][1] - p[1], 0, vertex};
-
-	s.z = s.x * s.x + s.y * s.y;
-	return s;
+	return (struct spoke){(int64_t)xy[vertex][0] - p[0], (int64_t)xy[vertex][1] - p[1], vertex};
 }
 
-static inline int64_t cross(const struct spoke *a, const struct spoke *b)
+static inline int64_t cross(struct spoke a, struct spoke b)
 {
-	return a->x * b->y - a->y * b->x;
+	return a.x * b.y - a.y * b.x;
+}
+
+static inline int64_t dot(struct spoke a, struct spoke b)
+{
+	return a.x * b.x + a.y * b.y;
 }
 
 /* The tie order with the new position as origin: keys are lexicographic. Arguments are by value, because a struct whose
  * address is taken would stay in memory during the whole sweep. */
-static inline bool spoke_tie(struct spoke a, struct spoke b, struct spoke v, int64_t av, int64_t vb, int64_t ab)
+static __attribute__((noinline)) bool spoke_tie(struct spoke a, struct spoke b, struct spoke v)
 {
 	int64_t ka = a.x * ((int64_t)1 << 32) + a.y, kb = b.x * ((int64_t)1 << 32) + b.y;
 	int64_t kv = v.x * ((int64_t)1 << 32) + v.y, most = ka > kb ? ka : kb;
 
 	if (kv > most)
-		return kv > 0 && ab < 0;
-	return most > 0 && (ka > kb ? vb > 0 : av > 0);
+		return kv > 0 && cross(a, b) < 0;
+	return most > 0 && (ka > kb ? cross(v, b) > 0 : cross(a, v) > 0);
 }
 
-/* Whether the origin is inside the circumcircle of the triangle b, a, v across the side a, b of the cavity. */
-static inline bool spoke_conflict(const struct spoke *a, const struct spoke *b, const struct spoke *v)
+/*
+ * Whether the origin is inside the circumcircle of the triangle b, a, v across the side a, b of the cavity: the angles under
+ * which the origin and v see the side are together more than a half turn, so their sum has a negative sine (Cline and Renka, A
+ * storage-efficient method for construction of a Thiessen triangulation, 1984). Times four lengths this sine is the in-circle
+ * determinant, with two long products in place of three. Coordinates differ by less than 2^31, so dots are below 2^63 and crosses
+ * within 2^62.
+ */
+static inline bool spoke_conflict(struct spoke a, struct spoke b, struct spoke v)
 {
-	int64_t av = cross(a, v), vb = cross(v, b), ab = cross(a, b);
-	geom_i128 det = (geom_i128)((geom_u128)((geom_i128)b->z * av) + (geom_u128)((geom_i128)a->z * vb) -
-				    (geom_u128)((geom_i128)v->z * ab));
+	const struct spoke va = {a.x - v.x, a.y - v.y, 0}, vb = {b.x - v.x, b.y - v.y, 0};
+	geom_i128 det = (geom_i128)dot(a, b) * cross(va, vb) - (geom_i128)cross(a, b) * dot(va, vb);
 
 	if (TRI_UNLIKELY(det == 0))
-		return spoke_tie(*a, *b, *v, av, vb, ab);
+		return spoke_tie(a, b, v);
 	return det > 0;
 }
 
@@ -167,80 +174,132 @@ uint32_t tri_locate(const struct tri *t, bool narrow, const int32_t p[2], uint32
 	return narrow ? narrow_walk(t->triangle, xy, p, from) : careful_walk(t->triangle, xy, p, from);
 }
 
-/* Replaces the triangles in conflict with vertex p (`root` is one) by a fan around p. The slots `fresh` and `fresh` + 1
- * are unused. Returns a triangle of the fan. `pieces`: some links are constrained, and the cavity ends there. */
-static inline __attribute__((always_inline)) uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p,
-								  uint32_t root, uint32_t fresh, bool careful, bool pieces)
-{
-	const int32_t at[2] = {xy[p][0], xy[p][1]};
-	uint32_t top = STACK_FIRST, slot = fresh, last = fresh, link = tri[root].link[0];
-	struct spoke a = {0, 0, 0, tri[root].corner[1]}, b = {0, 0, 0, tri[root].corner[2]};
+/* A cavity that is being filled. */
+struct cavity {
+	struct tri_triangle *tri;
+	const int32_t (*xy)[2];
+	uint32_t p, root, fresh; /* the slots `fresh` and `fresh` + 1 are unused */
+	int64_t to[2];           /* from p to the next vertex, or zero */
+	/* The side that is next: between a and b, with the link across it. */
+	struct spoke a, b;
+	uint32_t link, top, slot, last;
+	uint32_t toward; /* the triangle of the fan in whose direction the next vertex is */
+};
 
-	careful |= a.vertex == TRI_GHOST || b.vertex == TRI_GHOST || tri[root].corner[0] == TRI_GHOST;
-	if (!careful) {
-		a = spoke_to(xy, a.vertex, at);
-		b = spoke_to(xy, b.vertex, at);
-	}
+/* Searches and fills the cavity. False, if not `careful`: a ghost is in conflict, and the rest has to be done carefully.
+ * `pieces`: some links are constrained, and the cavity ends there. */
+static inline __attribute__((always_inline)) bool cavity_sweep(struct cavity *cavity, bool careful, bool pieces)
+{
+	/* A copy, which is not in memory. */
+	struct cavity c = *cavity;
+	const int32_t at[2] = {c.xy[c.p][0], c.xy[c.p][1]};
+	int64_t before = -1;
+	bool done = true;
+
 	for (;;) {
-		struct tri_triangle *t = &tri[link >> 3], *n;
-		uint32_t side2 = link & 6;
-		struct spoke v = {0, 0, 0, tri_corner_of(t, side2)};
+		struct tri_triangle *t = &c.tri[c.link >> 3], *n;
+		uint32_t side2 = c.link & 6;
+		struct spoke v = {0, 0, tri_corner_of(t, side2)};
 		bool conflict;
 
-		if (pieces && link & 1) {
+		if (pieces && c.link & 1) {
 			conflict = false;
-		} else if (TRI_UNLIKELY(careful || v.vertex == TRI_GHOST)) {
-			conflict = careful_conflict(t, xy, at);
-			careful |= conflict;
+		} else if (careful) {
+			conflict = careful_conflict(t, c.xy, at);
+		} else if (TRI_UNLIKELY(v.vertex == TRI_GHOST)) {
+			conflict = careful_conflict(t, c.xy, at);
+			done = !conflict;
+			if (conflict)
+				break;
 		} else {
-			v = spoke_to(xy, v.vertex, at);
-			conflict = spoke_conflict(&a, &b, &v);
+			v = spoke_to(c.xy, v.vertex, at);
+			conflict = spoke_conflict(c.a, c.b, v);
 		}
 		if (conflict) {
-			uint32_t first = tri_side_next(side2), here = link;
+			uint32_t first = tri_side_next(side2), here = c.link;
 
-			link = tri_link_of(t, first);
-			t->link[first >> 1] = top;
-			top = (here & ~7u) | first;
-			b = v;
+			c.link = tri_link_of(t, first);
+			t->link[first >> 1] = c.top;
+			c.top = (here & ~7u) | first;
+			c.b = v;
 			continue;
 		}
 
-		n = &tri[slot];
-		n->corner[0] = a.vertex;
-		n->corner[1] = b.vertex;
-		n->corner[2] = p;
-		n->link[1] = last << 3;
-		n->link[2] = link;
-		tri[last].link[0] = slot << 3 | 2;
-		t->link[side2 >> 1] = slot << 3 | 4 | (pieces ? link & 1 : 0);
-		last = slot;
+		n = &c.tri[c.slot];
+		n->corner[0] = c.a.vertex;
+		n->corner[1] = c.b.vertex;
+		n->corner[2] = c.p;
+		n->link[1] = c.last << 3;
+		n->link[2] = c.link;
+		c.tri[c.last].link[0] = c.slot << 3 | 2;
+		t->link[side2 >> 1] = c.slot << 3 | 4 | (pieces ? c.link & 1 : 0);
+		if (!careful) {
+			int64_t turn = c.b.x * c.to[1] - c.b.y * c.to[0];
 
-		a = b;
-		if (top < STACK_LAST) {
-			uint32_t second = tri_side_next(top & 6);
+			c.toward = before >= 0 && turn < 0 ? c.slot : c.toward;
+			before = turn;
+		}
+		c.last = c.slot;
 
-			slot = top >> 3;
-			t = &tri[slot];
-			top = tri_link_of(t, top & 6);
-			b.vertex = tri_corner_of(t, tri_side_prev(second));
-			link = tri_link_of(t, second);
-		} else if (top == STACK_FIRST) {
-			t = &tri[root];
-			slot = fresh + 1;
-			link = t->link[1];
+		c.a = c.b;
+		if (c.top < STACK_LAST) {
+			uint32_t second = tri_side_next(c.top & 6);
+
+			c.slot = c.top >> 3;
+			t = &c.tri[c.slot];
+			c.top = tri_link_of(t, c.top & 6);
+			c.b.vertex = tri_corner_of(t, tri_side_prev(second));
+			c.link = tri_link_of(t, second);
+		} else if (c.top == STACK_FIRST) {
+			t = &c.tri[c.root];
+			c.slot = c.fresh + 1;
+			c.link = t->link[1];
 			t->link[1] = STACK_LAST;
-			top = root << 3 | 2;
-			b.vertex = t->corner[0];
+			c.top = c.root << 3 | 2;
+			c.b.vertex = t->corner[0];
 		} else {
 			break;
 		}
 		if (!careful)
-			b = spoke_to(xy, b.vertex, at);
+			c.b = spoke_to(c.xy, c.b.vertex, at);
 	}
-	tri[last].link[0] = fresh << 3 | 2;
-	tri[fresh].link[1] = last << 3;
-	return last;
+	*cavity = c;
+	return done;
+}
+
+/* Replaces the triangles in conflict with vertex p (`root` is one) by a fan around p. The slots `fresh` and `fresh` + 1
+ * are unused. Returns a triangle of the fan: if not `careful`, mostly the one towards vertex `next`. */
+static inline __attribute__((always_inline)) uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p,
+								  uint32_t next, uint32_t root, uint32_t fresh, bool careful,
+								  bool pieces)
+{
+	struct cavity c = {
+		.tri = tri,
+		.xy = xy,
+		.p = p,
+		.root = root,
+		.fresh = fresh,
+		.to = {(int64_t)xy[next][0] - xy[p][0], (int64_t)xy[next][1] - xy[p][1]},
+		.a.vertex = tri[root].corner[1],
+		.b.vertex = tri[root].corner[2],
+		.link = tri[root].link[0],
+		.top = STACK_FIRST,
+		.slot = fresh,
+		.last = fresh,
+		.toward = fresh,
+	};
+
+	careful |= c.a.vertex == TRI_GHOST || c.b.vertex == TRI_GHOST || tri[root].corner[0] == TRI_GHOST;
+	if (!careful) {
+		c.a = spoke_to(xy, c.a.vertex, xy[p]);
+		c.b = spoke_to(xy, c.b.vertex, xy[p]);
+		careful = !cavity_sweep(&c, false, pieces);
+	}
+	if (TRI_UNLIKELY(careful))
+		cavity_sweep(&c, true, pieces);
+	tri[c.last].link[0] = fresh << 3 | 2;
+	tri[fresh].link[1] = c.last << 3;
+	return c.toward;
 }
 
 void tri_insert_all(struct tri *t, bool narrow)
@@ -251,7 +310,7 @@ void tri_insert_all(struct tri *t, bool narrow)
 
 	for (uint32_t p = 3; p < t->nvertex; p++) {
 		at = narrow ? narrow_walk(tri, xy, xy[p], at) : careful_walk(tri, xy, xy[p], at);
-		at = cavity_fill(tri, xy, p, at, n, !narrow, false);
+		at = cavity_fill(tri, xy, p, p + 1 < t->nvertex ? p + 1 : p, at, n, !narrow, false);
 		n += 2;
 	}
 	t->ntriangle = n;
@@ -273,7 +332,7 @@ bool tri_insert_one(struct tri *t, bool narrow, uint32_t *ret_same)
 		*ret_same = corner;
 		return false;
 	}
-	cavity_fill(tri, xy, p, at, n, !narrow, false);
+	cavity_fill(tri, xy, p, p, at, n, !narrow, false);
 	t->ntriangle = n + 2;
 	return true;
 }
@@ -286,8 +345,9 @@ bool tri_conflict(const struct tri *t, uint32_t triangle, const int32_t at[2])
 void tri_insert_at(struct tri *t, uint32_t root)
 {
 	const int32_t(*xy)[2] = (const int32_t(*)[2])t->xy;
+	uint32_t p = t->nvertex - 1;
 
-	cavity_fill(t->triangle, xy, t->nvertex - 1, root, t->ntriangle, !tri_narrow(&t->extent), true);
+	cavity_fill(t->triangle, xy, p, p, root, t->ntriangle, !tri_narrow(&t->extent), true);
 	t->ntriangle += 2;
 }
 
