@@ -342,6 +342,7 @@ static void test_wrong_points(void **state)
 	expect_known("01", PUSH_ADOPTED);
 	ask(push_commit(got.push, NULL));
 	assert_int_equal(got.why.code, ERR_CORRUPT);
+	assert_non_null(strstr(got.why.hint, "acutctl dataset discard a"));
 	leave();
 	assert_int_equal(info().points, 0);
 	assert_int_equal(info().pending_files, 2);
@@ -723,6 +724,31 @@ static void test_space(void **state)
 	assert_int_equal(status.kind[SPACE_PENDING].bytes, first.kind[SPACE_PENDING].bytes);
 }
 
+static atomic_uint opens;
+
+static int count_openat(int dirfd, const char *path, int flags, mode_t mode)
+{
+	opens += strstr(path, ".run") != NULL;
+	return io_system.openat(dirfd, path, flags, mode);
+}
+
+/* Whoever goes on and is interrupted again opens each run three times: for the look, to resume, and at the end; and makes one. */
+static void test_opens(void **state)
+{
+	struct io_table table = io_system;
+
+	table.openat = count_openat;
+	interrupt("0");
+	for (unsigned i = 1; i < FILES; i++) {
+		io = &table;
+		opens = 0;
+		interrupt((char[]){'0', (char)('0' + i), '\0'});
+		io = &io_system;
+		assert_int_equal(opens, 3 * i + 2);
+	}
+	expect(1, FILES, 0);
+}
+
 static int open_files(void **state)
 {
 	for (unsigned i = 0; i < FILES; i++)
@@ -759,6 +785,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_bytes, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_space, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_opens, open_files, close_files),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
