@@ -528,10 +528,9 @@ static void on_discarded(void *token, const struct err *why, const struct discar
 /* Expects that so many pushes with so many files are gone. */
 static void discard(const struct peer *who, bool all, unsigned pushes, unsigned files)
 {
-	struct dataset *d = dataset_find(h.service->datasets, "a", &me);
 	int answered = 0;
 
-	dataset_discard(d, who, all, on_discarded, &answered);
+	dataset_discard(h.service->datasets, "a", who, all, on_discarded, &answered);
 	turn_until(answered);
 	assert_int_equal(answered, 1);
 	assert_int_equal(discarded.pushes, pushes);
@@ -602,6 +601,58 @@ static void test_discard(void **state)
 	assert_int_equal(log_event_count(LOG_EVENT_PUSH_DROPPED), dropped + 5);
 }
 
+static int removals;
+
+static void on_removed(void *token, const struct err *why, struct dataset *d)
+{
+	assert_null(why);
+	removals++;
+}
+
+/* The user of a pending push in a removed dataset reaches it by the name, also if another dataset has that now. */
+static void test_discard_removed(void **state)
+{
+	const struct dataset_action_params remove = {.action = DATASET_REMOVE, .name = "a", .as = "", .peer = me};
+	const struct peer other = {.uid = 1002, .pid = 3};
+	int answered;
+	uint64_t bytes;
+
+	for (unsigned way = 0; way < 2; way++) {
+		if (way)
+			push_all("5");
+		interrupt("2");
+		begin_of(&bert);
+		stage("01", '9');
+		leave();
+		removals = 0;
+		dataset_act(h.service->datasets, &remove, on_removed, NULL);
+		turn_until(removals);
+		restart();
+		bytes = counted();
+		assert_true(bytes > 0);
+		/* One who has none does not learn of it. */
+		for (unsigned all = 0; all < 2; all++) {
+			answered = 0;
+			dataset_discard(h.service->datasets, "a", &other, all, on_discarded, &answered);
+			turn_until(answered);
+			assert_int_equal(answered, -ERR_NOTFOUND);
+		}
+		if (way)
+			push_all("3");
+		discard(&bert, false, 1, 2);
+		assert_true(counted() > 0 && counted() < bytes);
+		discard(&me, true, 1, 1);
+		assert_int_equal(counted(), 0);
+		/* Without a generation it goes, too. */
+		turn_until(!service_active(h.service));
+		assert_int_equal(datasets_first(h.service->datasets) != NULL, way);
+		restart();
+		assert_int_equal(datasets_first(h.service->datasets) != NULL, way);
+		teardown(state);
+		setup(state);
+	}
+}
+
 static int no_unlink(int dirfd, const char *path, int flags)
 {
 	if (strstr(path, "push-")) {
@@ -623,7 +674,7 @@ static void test_discard_fails(void **state)
 	bytes = counted();
 	table.unlinkat = no_unlink;
 	io = &table;
-	dataset_discard(dataset_find(h.service->datasets, "a", &me), &me, false, on_discarded, &answered);
+	dataset_discard(h.service->datasets, "a", &me, false, on_discarded, &answered);
 	expect(0, 0, 0);
 	turn_until(answered);
 	io = &io_system;
@@ -781,6 +832,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_two_users, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_discard, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_discard_fails, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_discard_removed, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_most, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_bytes, open_files, close_files),
