@@ -32,12 +32,15 @@ static inline uint64_t repeat_first(void)
 	return asked ? strtoull(asked, NULL, 10) : 1;
 }
 
-/* Makes a folder of its own, acut-NAME-..., in TMPDIR or /tmp; `ret` holds `size` bytes. The test removes it. */
+/* Makes a folder of its own, acut-NAME-..., in TMPDIR, or in /tmp if that is not set or too long; `ret` holds `size` bytes. The
+ * test removes it. */
 static inline void repeat_folder(char *ret, size_t size, const char *name)
 {
 	const char *base = getenv("TMPDIR");
-	int n = snprintf(ret, size, "%s/acut-%s-XXXXXX", base && *base ? base : "/tmp", name);
+	int n = base && *base ? snprintf(ret, size, "%s/acut-%s-XXXXXX", base, name) : -1;
 
+	if (n < 0 || (size_t)n >= size)
+		n = snprintf(ret, size, "/tmp/acut-%s-XXXXXX", name);
 	assert(n > 0 && (size_t)n < size);
 	if (!mkdtemp(ret)) {
 		perror(ret);

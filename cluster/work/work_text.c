@@ -9,7 +9,7 @@
 #include "io.h"
 #include "work_priv.h"
 
-#define VERSION "1"
+#define VERSION "2"                   /* of version 1 the kernel is not compared */
 enum { CHECK = 6 + 16 + 1 };          /* "check ", 16 digits, a line feed */
 #define TEXT_MOST ((uint64_t)1 << 31) /* bytes */
 
@@ -127,7 +127,7 @@ static int check_kind(struct work_in *in, const char *name, const char *kind, st
 
 	if (!work_in_line(in, &key, &rest) || strcmp(key, kind) != 0)
 		return work_corrupt(name, "it is of another kind", err);
-	if (strcmp(rest, VERSION) == 0)
+	if (strcmp(rest, VERSION) == 0 || strcmp(rest, "1") == 0)
 		return 0;
 	err_set(err, ERR_VERSION, "it has version %.20s, this version of acut reads " VERSION, rest);
 	return err_add_file(err, name);

@@ -330,11 +330,11 @@ struct discarded {
 	uint64_t pushes, files, bytes; /* bytes of the disk, at most */
 };
 typedef void discard_answer_fn(void *token, const struct err *why, const struct discarded *);
-/* Removes the pending pushes of the peer, or of all users; checks no permission. Answers when their files are removed for good,
- * whatever happens to the daemon. With an error some of them, which cannot be removed, are pending as before: -ERR_IO,
- * -ERR_NOMEM, -ERR_CANCELLED. The dataset may be gone by then. */
-void dataset_discard(struct dataset *, const struct peer *, bool all, discard_answer_fn *answer, void *token);
-bool dataset_has_pending(const struct dataset *, uint32_t uid); /* of that user */
+/* Removes the pending pushes of the peer into the dataset of that name and into removed ones that had it; with `all` those of all
+ * users, where the peer has RIGHT_OWN. Answers when their files are removed for good, whatever happens to the daemon; the dataset
+ * may be gone by then. -ERR_NOTFOUND, -ERR_PERM: nothing is pending, and the peer may not know that. With another error some of
+ * them, which cannot be removed, are pending as before: -ERR_IO, -ERR_NOMEM, -ERR_CANCELLED. */
+void dataset_discard(struct datasets *, const char *name, const struct peer *, bool all, discard_answer_fn *answer, void *token);
 /* A user may have so many in a dataset. */
 enum { PENDING_MOST = 32 };
 void pending_expire(struct dataset *);                           /* drops those that are older than 7 days, or too many */

@@ -245,28 +245,10 @@ void pending_drop(struct dataset *d, struct pending *q, const char *why)
 	submit(x, d, q, d->uid, SCHED_LAST);
 }
 
-bool dataset_has_pending(const struct dataset *d, uint32_t uid)
+static void discard_of(struct dataset *d, const struct peer *peer, bool all, struct discards *of)
 {
-	const struct pending *q = d->pending;
-
-	while (q && q->uid != uid)
-		q = q->next;
-	return q;
-}
-
-void dataset_discard(struct dataset *d, const struct peer *peer, bool all, discard_answer_fn *answer, void *token)
-{
-	struct discards *of = calloc(1, sizeof *of);
 	struct pending **at = &d->pending, *q;
-	struct err err = ERR_INIT;
 
-	THREAD_LOOP_ONLY();
-	if (!of) {
-		err_set(&err, ERR_NOMEM, "no memory for a request");
-		answer(token, &err, NULL);
-		return;
-	}
-	*of = (struct discards){.left = 1, .datasets = d->datasets, .why = ERR_INIT, .answer = answer, .token = token};
 	while ((q = *at)) {
 		bool meant = all || q->uid == peer->uid;
 		struct discard *x = meant ? calloc(1, sizeof *x) : NULL;
@@ -282,6 +264,29 @@ void dataset_discard(struct dataset *d, const struct peer *peer, bool all, disca
 		of->left++;
 		submit(x, d, q, peer->uid, SCHED_FIRST);
 	}
+}
+
+void dataset_discard(struct datasets *ds, const char *name, const struct peer *peer, bool all, discard_answer_fn *answer,
+		     void *token)
+{
+	struct discards *of = calloc(1, sizeof *of);
+	struct dataset *there = dataset_find(ds, name, peer);
+	struct err err = ERR_INIT;
+
+	THREAD_LOOP_ONLY();
+	if (!of) {
+		err_set(&err, ERR_NOMEM, "no memory for a request");
+		answer(token, &err, NULL);
+		return;
+	}
+	*of = (struct discards){.left = 1, .datasets = ds, .why = ERR_INIT, .answer = answer, .token = token};
+	for (struct dataset *d = ds->first; d; d = d->next)
+		if ((d == there || (d->removed_us && !strcmp(d->name, name))) &&
+		    (!all || rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode)))
+			discard_of(d, peer, all, of);
+	/* Who has one may discard it, also without any right by now. */
+	if (of->left == 1 && !of->why.code)
+		dataset_access(ds, name, peer, all ? RIGHT_OWN : RIGHT_READ, &there, &of->why);
 	discards_end(of);
 }
 

@@ -17,9 +17,11 @@ static int by_id(const void *a, const void *b)
 	return x < y ? -1 : x > y;
 }
 
-/* Both lists are sorted: numbers of sources increase. */
-static bool is_committed(const struct push *p, uint32_t id)
+/* Otherwise its points are dropped: of files of the pending push that were not named again, which stay there, and of files that
+ * were not read whole. Both lists are sorted: numbers of sources increase. */
+static bool is_committed(void *push, uint32_t id)
 {
+	const struct push *p = push;
 	const struct grid_source key = {.id = id}, *hit = NULL;
 
 	if (p->nsources && bsearch(&key, p->sources, p->nsources, sizeof key, by_id))
@@ -27,25 +29,6 @@ static bool is_committed(const struct push *p, uint32_t id)
 	if (p->adopt && p->adopt->nsources)
 		hit = bsearch(&key, p->adopt->sources, p->adopt->nsources, sizeof key, by_id);
 	return hit && p->adopt_named[hit - p->adopt->sources];
-}
-
-/* Drops points of sources that are not committed: files of the pending push that were not named again, which stay there, and
- * files that were not read whole. */
-static int drop_unnamed(struct push *p, struct err *err)
-{
-	size_t n, i = 0;
-	const uint32_t *ids = grid_stage_sources(p->stage, &n);
-	int r = 0;
-
-	while (!r && i < n) {
-		if (is_committed(p, ids[i])) {
-			i++;
-			continue;
-		}
-		r = grid_stage_drop(p->stage, ids[i], err);
-		ids = grid_stage_sources(p->stage, &n);
-	}
-	return r;
 }
 
 /* There is nothing to add or remove, so a named dataset gets no generation. A one-step dataset needs one, even if it is empty. */
@@ -221,8 +204,11 @@ static int check_points(const struct push *p, const struct grid_segment_info *se
 		points += p->adopt_named[i] ? p->adopt->sources[i].points : 0;
 	if (points == segment->points)
 		return 0;
-	return err_set(err, ERR_CORRUPT, "of %llu staged points the segment has %llu", (unsigned long long)points,
-		       (unsigned long long)segment->points);
+	err_set(err, ERR_CORRUPT, "of %llu staged points the segment has %llu", (unsigned long long)points,
+		(unsigned long long)segment->points);
+	return p->dataset->onestep ? -ERR_CORRUPT :
+				     err_add_hint(err, "discard what was staged (acutctl dataset discard %s), and push again",
+						  p->dataset->name);
 }
 
 /* The first part, by one worker. */
@@ -238,7 +224,7 @@ static void seal_begin(struct push *p, struct push_request *rq)
 		rq->r = check_newer(p, &rq->err);
 	if (rq->r)
 		return;
-	rq->r = drop_unnamed(p, &rq->err);
+	rq->r = grid_stage_keep(p->stage, is_committed, p, &rq->err);
 	if (!rq->r)
 		rq->r = push_lines_build(p, &rq->err);
 	if (!rq->r) {

@@ -103,7 +103,7 @@ bool push_sync_done(struct push *p, struct push_request *rq, const struct err *w
 		.id = p->stem,
 		.dataset = p->dataset->id,
 		.uid = p->peer.uid,
-		.files = p->files,
+		.files = p->files + (p->adopt ? (uint32_t)p->adopt->nsources : 0),
 		.begun_us = clock_real_us(),
 	};
 

@@ -414,28 +414,14 @@ static void on_discarded(void *token, const struct err *why, const struct discar
 	free(ask);
 }
 
-/* Who has one may discard it, also without any right by now. */
-static int find_to_discard(struct conn *c, const Acut__V1__Discard *in, struct dataset **ret, struct err *err)
-{
-	struct datasets *ds = c->server->service->datasets;
-
-	*ret = dataset_find(ds, in->dataset, &c->peer);
-	if (*ret && !in->all && dataset_has_pending(*ret, c->peer.uid))
-		return 0;
-	return dataset_access(ds, in->dataset, &c->peer, in->all ? RIGHT_OWN : RIGHT_READ, ret, err);
-}
-
 void request_discard(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
+	const struct service *service = c->server->service;
 	const Acut__V1__Discard *in = m->discard;
+	const struct dataset *d = dataset_find(service->datasets, in->dataset, &c->peer);
 	struct discard_request *ask;
 	struct err err = ERR_INIT;
-	struct dataset *d;
 
-	if (find_to_discard(c, in, &d, &err)) {
-		request_refuse(q, &err);
-		return;
-	}
 	ask = malloc(sizeof *ask);
 	if (!ask) {
 		err_set(&err, ERR_NOMEM, "no memory for a request");
@@ -443,7 +429,7 @@ void request_discard(struct conn *c, struct request *q, Acut__V1__Message *m, in
 		return;
 	}
 	ask->request = q;
-	ask->nopen = pushes_into(c->server->service->pushes, d, c->peer.uid, in->all, ask->open, OPEN_MOST);
+	ask->nopen = d ? pushes_into(service->pushes, d, c->peer.uid, in->all, ask->open, OPEN_MOST) : 0;
 	ask->nopen = ask->nopen < OPEN_MOST ? ask->nopen : OPEN_MOST;
-	dataset_discard(d, &c->peer, in->all, on_discarded, ask);
+	dataset_discard(service->datasets, in->dataset, &c->peer, in->all, on_discarded, ask);
 }

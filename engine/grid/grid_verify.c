@@ -432,8 +432,9 @@ static int read_run(struct verify *v, const char *name, struct err *err)
 	const struct point *pts;
 	const uint32_t *ids;
 	size_t n = 1;
+	uint64_t bytes;
 	bool older = false;
-	int rc = grid_run_version(v->p->dirfd, name, &older, err);
+	int rc = grid_run_check(v->p->dirfd, name, &older, &bytes, err);
 
 	if (rc == 0 && older)
 		return report_damage(v, grid_run_convert(v->p->dirfd, name, NULL, false, err), err);

@@ -88,6 +88,47 @@ static void push_file_of(const char *name)
 	close(fd);
 }
 
+/* The row of push 1 has so many files. */
+static void expect_row(int files)
+{
+	char path[128];
+	sqlite3 *db;
+	sqlite3_stmt *stmt;
+
+	turn_until(!catalogue_busy(h.catalogue));
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+	assert_int_equal(sqlite3_prepare_v2(db, "SELECT files FROM push WHERE id = 1", -1, &stmt, NULL), SQLITE_OK);
+	assert_int_equal(sqlite3_step(stmt), SQLITE_ROW);
+	assert_int_equal(sqlite3_column_int(stmt, 0), files);
+	sqlite3_finalize(stmt);
+	sqlite3_close(db);
+}
+
+/* The row of a push that continues a pending one has the files of that, too. */
+static void test_row(void **state)
+{
+	const struct push_input b = {.name = "b.xyz", .path = "b.xyz"};
+	int fd = text_file(500, 2);
+
+	stage_file("a.xyz", fd);
+	is_durable();
+	expect_row(1);
+	push_leave(got.push);
+	turn_until(!pushes_open(h.service->pushes));
+	stage_file("a.xyz", fd);
+	assert_int_equal(got.known, PUSH_ADOPTED);
+	close(fd);
+	fd = text_file(500, 3);
+	ask(push_probe(got.push, dup(fd), &b, NULL));
+	ask(push_plan(got.push, NULL));
+	ask(push_file(got.push, fd, &b, NULL));
+	assert_int_equal(got.why.code, 0);
+	is_durable();
+	expect_row(2);
+	push_leave(got.push);
+}
+
 /* A daemon that cannot wait for its pushes removes the files of those that promised nothing, and no others. */
 static void test_abandoned_beside(void **state)
 {
@@ -195,6 +236,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_abandoned_beside, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_half_a_manifest, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_verified_meanwhile, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_row, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

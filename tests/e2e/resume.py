@@ -65,6 +65,16 @@ class Half:
             e2e.until(lambda: connections(self.d) < here, "who is gone stays connected")
 
 
+def end_in(d, seconds):
+    """Starts acutd again; the 7 days of all pending pushes are over in so many seconds."""
+    d.stop()
+    db = sqlite3.connect(os.path.join(d.state, "catalogue.db"))
+    db.execute("UPDATE push SET begun_us = ?, sum = NULL", (int((time.time() + seconds - 7 * 86400) * 1e6),))
+    db.commit()
+    db.close()
+    d.start()
+
+
 def digests(d, dataset):
     job = d.ctl("submit", dataset, "--wait").ok().out.split()[0]
     got = d.ctl("show", job, "--json").ok().json()
@@ -333,12 +343,7 @@ def what_does_not_fit():
         # Its time ends while acutd runs, and nobody pushes there.
         Half(d, "c", paths, 2, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "c").status == 0 and "2 files" in (pending(d, "c") or ""), "not pending")
-        d.stop()
-        db = sqlite3.connect(os.path.join(d.state, "catalogue.db"))
-        db.execute("UPDATE push SET begun_us = ?, sum = NULL", (int((time.time() + 3 - 7 * 86400) * 1e6),))
-        db.commit()
-        db.close()
-        d.start()
+        end_in(d, 3)
         says(d.ctl("dataset", "show", "c"), 0)
         busy = Half(d, "other", paths, 1, wait=False)
         wait_for(lambda: d.ctl("dataset", "show", "c").status == 4, "it does not end")
@@ -420,6 +425,9 @@ def discarded():
         Half(d, "s", paths[2:3], 1).vanish()
         wait_for(lambda: "2 interrupted pushes" in (pending(d, "s") or ""), str(pending(d, "s")))
         expect("acutctl dataset discard" in pending(d, "s"), pending(d, "s"))
+        end_in(d, 36000)
+        pushes, = [c for c in d.ctl("doctor", "--json").json()["checks"] if c["name"] == "pushes"]
+        expect("2 interrupted pushes wait" in pushes["message"] and "acutctl dataset discard" in pushes["hint"], str(pushes))
         half = Half(d, "s", paths[:2], 0, wait=False)
         expect(half.known == [2, 2], str(half.known))
         got = d.ctl("dataset", "discard", "s", "--json").ok().json()
@@ -433,6 +441,12 @@ def discarded():
         d.start()
         expect(pending(d, "s") is None and not leftovers(d), "it is back: %s %s" % (pending(d, "s"), leftovers(d)))
         expect(states(d.ctl("push", "s", *paths, "--json").ok()) == ["staged"] * 3 + ["known"], "not read again")
+        # Also from a dataset that was removed meanwhile.
+        Half(d, "gone", paths, 2).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "gone").status == 0 and "2 files" in (pending(d, "gone") or ""), "not pending")
+        wait_for(lambda: d.ctl("dataset", "rm", "gone").status == 0, "not removed")
+        says(d.ctl("dataset", "discard", "gone"), 0, "1 interrupted push discarded, 2 files")
+        says(d.ctl("dataset", "discard", "gone"), 4, "there is no dataset")
         # A dataset that has nothing else goes with it.
         Half(d, "new", paths, 2).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "new").status == 0 and "2 files" in (pending(d, "new") or ""), "not pending")

@@ -146,12 +146,29 @@ static struct set wanted(const struct set *s)
 	return w;
 }
 
-static bool set_has(const uint32_t *ids, size_t n, uint32_t id)
+/* Only the sources that the caller knows to be complete count. */
+static bool is_whole(void *there, uint32_t id)
 {
-	for (size_t i = 0; i < n; i++)
-		if (ids[i] == id)
-			return true;
-	return false;
+	((bool *)there)[id] = id <= WHOLE;
+	return id <= WHOLE;
+}
+
+static bool is_not_cut(void *ctx, uint32_t id)
+{
+	return id != CUT;
+}
+
+/* A range of numbers, and how many were asked for. */
+struct part {
+	uint32_t from, to, n;
+};
+
+static bool is_in(void *ctx, uint32_t id)
+{
+	struct part *part = ctx;
+
+	part->n++;
+	return id >= part->from && id <= part->to;
 }
 
 static uint64_t checksum(const struct folder *f, const char *name)
@@ -174,8 +191,7 @@ static void resume_stage(const struct folder *f, const struct set *s, const stru
 	struct grid_segment_info info;
 	struct grid_stage *stage;
 	struct err err = ERR_INIT;
-	const uint32_t *ids;
-	size_t n;
+	bool there[SOURCES + 1] = {false};
 
 	/* Before the first state file nothing can be resumed. */
 	if (faccessat(f->fd, "p.stage", F_OK, 0) != 0) {
@@ -185,16 +201,8 @@ static void resume_stage(const struct folder *f, const struct set *s, const stru
 		return;
 	}
 	CHECK(grid_stage_resume(&params, &stage, &err));
-	ids = grid_stage_sources(stage, &n);
-	assert_true(n >= 1 && ids[0] == 1);
-	/* Only the sources that the caller knows to be complete count. */
-	bool there[SOURCES + 1];
-
-	for (uint32_t id = 1; id <= SOURCES; id++)
-		there[id] = id <= WHOLE && set_has(ids, n, id);
-	for (uint32_t id = WHOLE + 1; id <= CUT; id++)
-		CHECK(grid_stage_drop(stage, id, &err));
-	CHECK(grid_stage_drop(stage, 99, &err));
+	CHECK(grid_stage_keep(stage, is_whole, there, &err));
+	assert_true(there[1]);
 	for (uint32_t id = SOURCES; id; id--)
 		if (!there[id] && id != CUT)
 			add(stage, s, id, id + (id > WHOLE && id < CUT ? AGAIN : 0), &err);
@@ -255,7 +263,7 @@ static void test_drop(void **state)
 		for (uint32_t id = 1; id <= SOURCES; id++) {
 			add(stage, &s, id, id + (id > WHOLE && id < CUT ? AGAIN : 0), &err);
 			if (id == CUT)
-				CHECK(grid_stage_drop(stage, CUT, &err));
+				CHECK(grid_stage_keep(stage, is_not_cut, NULL, &err));
 		}
 		CHECK(grid_stage_seal(stage, &info, &err));
 		assert_true(digest_equal(info.sum, want.sum) && info.points == want.points);
@@ -288,7 +296,7 @@ static void test_segments_of_one_stage(void **state)
 	for (uint32_t id = 1; id <= 2; id++) {
 		params.segment = id == 1 ? "one" : "two";
 		CHECK(grid_stage_resume(&params, &stage, &err));
-		CHECK(grid_stage_drop(stage, 3 - id, &err));
+		CHECK(grid_stage_keep(stage, is_in, &(struct part){id, id}, &err));
 		CHECK(grid_stage_seal(stage, &info, &err));
 		points += info.points;
 		assert_string_equal(info.file, id == 1 ? "one.seg" : "two.seg");
@@ -371,14 +379,11 @@ static struct grid_stage *resume_part(const struct grid_stage_params *params, ui
 {
 	struct grid_stage *stage;
 	struct err err = ERR_INIT;
-	size_t has;
+	struct part part = {from, to};
 
 	CHECK(grid_stage_resume(params, &stage, &err));
-	grid_stage_sources(stage, &has);
-	assert_int_equal(has, n);
-	for (uint32_t id = 1; id <= n; id++)
-		if (id < from || id > to)
-			CHECK(grid_stage_drop(stage, id, &err));
+	CHECK(grid_stage_keep(stage, is_in, &part, &err));
+	assert_int_equal(part.n, n);
 	return stage;
 }
 
@@ -426,7 +431,7 @@ static void test_drop_and_suspend(void **state)
 	CHECK(grid_stage_new(&params, &stage, &err));
 	add(stage, &s, 1, 1, &err);
 	add(stage, &s, 2, 2, &err);
-	CHECK(grid_stage_drop(stage, 1, &err));
+	CHECK(grid_stage_keep(stage, is_in, &(struct part){2, 2}, &err));
 	CHECK(grid_stage_suspend(stage, &err));
 	grid_stage_detach(stage);
 	seal_part(resume_part(&params, 1, 2, 2), &f, &s, 2, 2);

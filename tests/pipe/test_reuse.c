@@ -576,12 +576,30 @@ static void test_versions(void **state)
 	set_free(&s);
 }
 
+/* The key of a mesh, by which its stream is continued, is that of format.md: another version of the kernel has another. */
+static void test_key(void **state)
+{
+	const struct pipe_key key = {.content = {1, 2}, .part = {{3, 4}, {5, 6}}};
+	const struct digest parts[3] = {key.content, key.part[0], key.part[1]};
+	const struct cut_region root = {.x = 8, .y = 16, .wx = 3, .wy = 4};
+	char all[256], text[CUT_REGION_TEXT_SIZE];
+	size_t n = sizeof PIPE_KERNEL;
+
+	memcpy(all, PIPE_KERNEL, n);
+	memcpy(all + n, parts, sizeof parts);
+	n += sizeof parts;
+	cut_region_text(&root, text);
+	memcpy(all + n, text, strlen(text));
+	assert_true(digest_equal(pipe_key_mesh(&key, &root), digest_hash(all, n + strlen(text))));
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_generations), cmocka_unit_test(test_weights),     cmocka_unit_test(test_before),
 		cmocka_unit_test(test_refine),      cmocka_unit_test(test_refine_much), cmocka_unit_test(test_fronts),
 		cmocka_unit_test(test_hints),       cmocka_unit_test(test_damage),      cmocka_unit_test(test_versions),
+		cmocka_unit_test(test_key),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

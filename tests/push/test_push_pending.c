@@ -342,6 +342,7 @@ static void test_wrong_points(void **state)
 	expect_known("01", PUSH_ADOPTED);
 	ask(push_commit(got.push, NULL));
 	assert_int_equal(got.why.code, ERR_CORRUPT);
+	assert_non_null(strstr(got.why.hint, "acutctl dataset discard a"));
 	leave();
 	assert_int_equal(info().points, 0);
 	assert_int_equal(info().pending_files, 2);
@@ -527,10 +528,9 @@ static void on_discarded(void *token, const struct err *why, const struct discar
 /* Expects that so many pushes with so many files are gone. */
 static void discard(const struct peer *who, bool all, unsigned pushes, unsigned files)
 {
-	struct dataset *d = dataset_find(h.service->datasets, "a", &me);
 	int answered = 0;
 
-	dataset_discard(d, who, all, on_discarded, &answered);
+	dataset_discard(h.service->datasets, "a", who, all, on_discarded, &answered);
 	turn_until(answered);
 	assert_int_equal(answered, 1);
 	assert_int_equal(discarded.pushes, pushes);
@@ -601,6 +601,58 @@ static void test_discard(void **state)
 	assert_int_equal(log_event_count(LOG_EVENT_PUSH_DROPPED), dropped + 5);
 }
 
+static int removals;
+
+static void on_removed(void *token, const struct err *why, struct dataset *d)
+{
+	assert_null(why);
+	removals++;
+}
+
+/* The user of a pending push in a removed dataset reaches it by the name, also if another dataset has that now. */
+static void test_discard_removed(void **state)
+{
+	const struct dataset_action_params remove = {.action = DATASET_REMOVE, .name = "a", .as = "", .peer = me};
+	const struct peer other = {.uid = 1002, .pid = 3};
+	int answered;
+	uint64_t bytes;
+
+	for (unsigned way = 0; way < 2; way++) {
+		if (way)
+			push_all("5");
+		interrupt("2");
+		begin_of(&bert);
+		stage("01", '9');
+		leave();
+		removals = 0;
+		dataset_act(h.service->datasets, &remove, on_removed, NULL);
+		turn_until(removals);
+		restart();
+		bytes = counted();
+		assert_true(bytes > 0);
+		/* One who has none does not learn of it. */
+		for (unsigned all = 0; all < 2; all++) {
+			answered = 0;
+			dataset_discard(h.service->datasets, "a", &other, all, on_discarded, &answered);
+			turn_until(answered);
+			assert_int_equal(answered, -ERR_NOTFOUND);
+		}
+		if (way)
+			push_all("3");
+		discard(&bert, false, 1, 2);
+		assert_true(counted() > 0 && counted() < bytes);
+		discard(&me, true, 1, 1);
+		assert_int_equal(counted(), 0);
+		/* Without a generation it goes, too. */
+		turn_until(!service_active(h.service));
+		assert_int_equal(datasets_first(h.service->datasets) != NULL, way);
+		restart();
+		assert_int_equal(datasets_first(h.service->datasets) != NULL, way);
+		teardown(state);
+		setup(state);
+	}
+}
+
 static int no_unlink(int dirfd, const char *path, int flags)
 {
 	if (strstr(path, "push-")) {
@@ -622,7 +674,7 @@ static void test_discard_fails(void **state)
 	bytes = counted();
 	table.unlinkat = no_unlink;
 	io = &table;
-	dataset_discard(dataset_find(h.service->datasets, "a", &me), &me, false, on_discarded, &answered);
+	dataset_discard(h.service->datasets, "a", &me, false, on_discarded, &answered);
 	expect(0, 0, 0);
 	turn_until(answered);
 	io = &io_system;
@@ -723,6 +775,31 @@ static void test_space(void **state)
 	assert_int_equal(status.kind[SPACE_PENDING].bytes, first.kind[SPACE_PENDING].bytes);
 }
 
+static atomic_uint opens;
+
+static int count_openat(int dirfd, const char *path, int flags, mode_t mode)
+{
+	opens += strstr(path, ".run") != NULL;
+	return io_system.openat(dirfd, path, flags, mode);
+}
+
+/* Whoever goes on and is interrupted again opens each run three times: for the look, to resume, and at the end; and makes one. */
+static void test_opens(void **state)
+{
+	struct io_table table = io_system;
+
+	table.openat = count_openat;
+	interrupt("0");
+	for (unsigned i = 1; i < FILES; i++) {
+		io = &table;
+		opens = 0;
+		interrupt((char[]){'0', (char)('0' + i), '\0'});
+		io = &io_system;
+		assert_int_equal(opens, 3 * i + 2);
+	}
+	expect(1, FILES, 0);
+}
+
 static int open_files(void **state)
 {
 	for (unsigned i = 0; i < FILES; i++)
@@ -755,10 +832,12 @@ int main(void)
 		cmocka_unit_test_setup_teardown(test_two_users, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_discard, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_discard_fails, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_discard_removed, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_most, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_bytes, open_files, close_files),
 		cmocka_unit_test_setup_teardown(test_space, open_files, close_files),
+		cmocka_unit_test_setup_teardown(test_opens, open_files, close_files),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -43,8 +43,7 @@ static int damaged(const char *name, uint64_t place, const char *what, struct er
 	return grid_run_damaged(&r, place, what, err);
 }
 
-/* Sets *ret_records and *ret_bytes only for an older run. */
-static int read_header(int fd, const char *name, bool *ret_older, uint64_t *ret_records, uint64_t *ret_bytes, struct err *err)
+static int read_header(int fd, const char *name, bool *ret_older, struct disk_run *ret, struct err *err)
 {
 	union {
 		struct disk_run head;
@@ -67,28 +66,29 @@ static int read_header(int fd, const char *name, bool *ret_older, uint64_t *ret_
 		return err_add_file(err, name);
 	}
 	*ret_older = first && u.head.version == 1;
-	if (!*ret_older)
-		return whole && u.head.version == DISK_RUN_VERSION ? 0 : damaged(name, 0, "its header is invalid", err);
+	if (!*ret_older && (!whole || u.head.version != DISK_RUN_VERSION))
+		return damaged(name, 0, "its header is invalid", err);
 	if (io->fstat(fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		return err_add_file(err, name);
 	}
-	if ((uint64_t)st.st_size != u.head.bytes || u.head.block_bytes != OLD_RECORDS)
+	if ((uint64_t)st.st_size != u.head.bytes || u.head.block_bytes != (*ret_older ? OLD_RECORDS : DISK_RUN_BLOCK))
 		return damaged(name, 0, "its size differs from its header", err);
-	*ret_records = u.head.records;
-	*ret_bytes = u.head.bytes;
+	*ret = u.head;
 	return 0;
 }
 
-int grid_run_version(int dirfd, const char *name, bool *ret_older, struct err *err)
+int grid_run_check(int dirfd, const char *name, bool *ret_older, uint64_t *ret_bytes, struct err *err)
 {
-	uint64_t records, bytes;
+	struct disk_run head;
 	int fd, rc = io_open(dirfd, name, O_RDONLY, 0, &fd, err);
 
 	if (rc)
 		return rc;
-	rc = read_header(fd, name, ret_older, &records, &bytes, err);
+	rc = read_header(fd, name, ret_older, &head, err);
 	io_close(fd);
+	if (rc == 0)
+		*ret_bytes = head.bytes;
 	return rc;
 }
 
@@ -158,16 +158,19 @@ int grid_run_convert(int dirfd, const char *name, const char *to, bool durable, 
 {
 	enum { BUFFER = 8 * DISK_RUN_BLOCK, ROOM = OLD_RECORDS + DISK_RUN_RECORDS };
 	struct converter c = {.name = name, .at = OLD_HEADER};
+	struct disk_run head;
 	struct grid_run_writer w;
 	bool older = false;
 	int rc = io_open(dirfd, name, O_RDONLY, 0, &c.fd, err);
 
 	if (rc)
 		return rc;
-	rc = read_header(c.fd, name, &older, &c.records, &c.bytes, err);
+	rc = read_header(c.fd, name, &older, &head, err);
 	if (rc == 0 && !older)
 		rc = err_set(err, ERR_INTERNAL, "the sorted run %s is not of an older version", name);
 	if (rc == 0) {
+		c.records = head.records;
+		c.bytes = head.bytes;
 		c.block = aligned_alloc(16, disk_align(OLD_BLOCK_MAX));
 		c.pts = malloc(ROOM * sizeof *c.pts);
 		c.ids = malloc(ROOM * sizeof *c.ids);

@@ -13,7 +13,6 @@
 #include "cursor.h"
 #include "err.h"
 #include "grid_block.h"
-#include "grid_run.h"
 #include "grid_run_old.h"
 #include "io.h"
 
@@ -114,27 +113,16 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_s
 
 static int check_runs(int dirfd, const char *stem, struct grid_state *state, struct err *err)
 {
-	struct grid_run r;
-	struct stat st;
 	char name[GRID_NAME_MAX];
+	uint64_t bytes = 0;
 	bool older = false;
 	int rc = 0;
 
 	for (size_t i = 0; rc == 0 && i < state->nruns; i++) {
 		grid_run_name(stem, state->runs[i], name);
-		rc = grid_run_version(dirfd, name, &older, err);
-		if (rc == 0 && io->fstatat(dirfd, name, &st, 0) != 0) {
-			err_sys(err, errno, "cannot look at");
-			rc = err_add_file(err, name);
-		}
-		if (rc)
-			continue;
-		state->bytes += (uint64_t)st.st_size;
-		if (older)
-			continue;
-		rc = grid_run_open(&r, dirfd, name, false, err);
-		if (rc == 0)
-			grid_run_close(&r);
+		rc = grid_run_check(dirfd, name, &older, &bytes, err);
+		state->bytes += bytes;
+		state->older |= older;
 	}
 	return rc;
 }

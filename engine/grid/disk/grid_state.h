@@ -18,6 +18,7 @@ struct grid_state {
 	size_t nsources;
 	/* Only of a state that was read. */
 	uint64_t bytes; /* of the runs */
+	bool older;     /* some runs are of an older version */
 	uint32_t *memory;
 };
 

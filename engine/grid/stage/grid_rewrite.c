@@ -253,16 +253,6 @@ int grid_rewrite_step(struct grid_rewrite *w, struct err *err)
 	return rc ? rc : w->done ? GRID_REWRITE_DONE : 0;
 }
 
-void grid_rewrite_progress(const struct grid_rewrite *w, uint64_t *ret_done, uint64_t *ret_all)
-{
-	uint64_t done = 0;
-
-	for (size_t i = 0; i < w->npass; i++)
-		done += w->pass[i].points;
-	*ret_done = done;
-	*ret_all = w->all;
-}
-
 /* Every record was either written or omitted on request. */
 static int check_all(const struct grid_rewrite *w, struct err *err)
 {

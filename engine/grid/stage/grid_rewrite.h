@@ -36,7 +36,6 @@ int grid_rewrite_new(const struct grid_rewrite_params *, struct grid_rewrite **r
 /* Rewrites about 100 KiB. GRID_REWRITE_DONE: only grid_rewrite_finish remains. */
 enum { GRID_REWRITE_DONE = 1 };
 int grid_rewrite_step(struct grid_rewrite *, struct err *err);
-void grid_rewrite_progress(const struct grid_rewrite *, uint64_t *ret_done, uint64_t *ret_all); /* records */
 /* Publishes the segment. Frees the rewrite, also on failure. */
 int grid_rewrite_finish(struct grid_rewrite *, struct grid_segment_info *ret, struct err *err);
 struct grid_rewrite *grid_rewrite_free(struct grid_rewrite *); /* abandons it; removes the new file */

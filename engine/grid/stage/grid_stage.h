@@ -84,9 +84,10 @@ struct grid_seal *grid_seal_free(struct grid_seal *); /* abandons the seal; the 
 /* Removes all files of the stage except a finished segment, also those of an earlier grid_stage_suspend. After a
  * failure only this and grid_stage_detach may be called. */
 struct grid_stage *grid_stage_free(struct grid_stage *);
-/* Drops source `id`: the segment will have neither its records nor its number, and nothing can be added to it any
- * more. Its records in runs stay there: a stage that is resumed later has the source again. */
-int grid_stage_drop(struct grid_stage *, uint32_t id, struct err *err);
+/* Drops the sources that `keeps` denies: the segment will have neither their records nor their numbers, and nothing can be added
+ * to them any more. Their records in runs stay there: a stage that is resumed later has these sources again. `keeps` may be asked
+ * twice. */
+int grid_stage_keep(struct grid_stage *, bool (*keeps)(void *ctx, uint32_t id), void *ctx, struct err *err);
 
 /* Writes everything added so far to runs, and a state file NAME.stage that lists them (both fsynced if durable). From
  * then on another stage of that name can resume from here, whatever happens to this one. */
@@ -98,8 +99,6 @@ int grid_stage_resume(const struct grid_stage_params *, struct grid_stage **ret,
 /* 0 if a suspended stage of that name looks intact. *ret_last: the largest number of a source that has points in it,
  * or 0. *ret_bytes: of its runs. */
 int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, uint64_t *ret_bytes, struct err *err);
-/* The sources that have points in the stage, ascending. */
-const uint32_t *grid_stage_sources(const struct grid_stage *, size_t *ret_n);
 /* Removes the files of a suspended stage; succeeds if there are none. */
 int grid_stage_discard(int dirfd, const char *name, struct err *err);
 

@@ -18,38 +18,39 @@
 
 /* ---- dropping ---- */
 
-/* Removes the records of a source from memory. */
-static void remove_source(struct grid_stage *s, uint32_t index)
+/* Removes the records of sources that do not stay, by their index, from memory. */
+static void remove_sources(struct grid_stage *s, const bool stays[POINT_SOURCES])
 {
 	size_t kept = 0;
 
 	for (size_t i = 0; i < s->lane[0].n; i++)
-		if (point_source(&s->pts[i]) != index)
+		if (stays[point_source(&s->pts[i])])
 			s->pts[kept++] = s->pts[i];
 	s->lane[0].n = kept;
 }
 
-int grid_stage_drop(struct grid_stage *s, uint32_t id, struct err *err)
+int grid_stage_keep(struct grid_stage *s, bool (*keeps)(void *ctx, uint32_t id), void *ctx, struct err *err)
 {
+	bool stays[POINT_SOURCES], all = true;
+	uint32_t kept = 0;
 	int rc = grid_stage_usable(s, err);
-	uint32_t *hit = NULL;
 
 	if (rc)
 		return rc;
-	if (s->nall)
-		hit = bsearch(&id, s->all, s->nall, sizeof *s->all, order_u32);
-	if (!hit)
-		return 0;
-	for (uint32_t i = 0; i < s->ntable; i++)
-		if (s->table[i] == id)
-			remove_source(s, i);
-	if (s->nruns)
-		rc = grid_stage_insert(&s->dropped, &s->ndropped, &s->droppedcap, id, err);
-	if (rc)
-		return grid_stage_fail(s, rc);
-	s->nall--;
-	memmove(hit, hit + 1, (size_t)(s->all + s->nall - hit) * sizeof *hit);
-	return 0;
+	for (uint32_t i = 0; i < s->ntable; i++) {
+		stays[i] = keeps(ctx, s->table[i]);
+		all &= stays[i];
+	}
+	if (!all)
+		remove_sources(s, stays);
+	for (uint32_t i = 0; rc == 0 && i < s->nall; i++) {
+		if (keeps(ctx, s->all[i]))
+			s->all[kept++] = s->all[i];
+		else if (s->nruns)
+			rc = grid_stage_insert(&s->dropped, &s->ndropped, &s->droppedcap, s->all[i], err);
+	}
+	s->nall = kept;
+	return grid_stage_fail(s, rc);
 }
 
 size_t grid_stage_filter_dropped(const struct grid_stage *s, struct point *pts, uint32_t *ids, size_t n)
@@ -121,23 +122,22 @@ int grid_stage_suspend(struct grid_stage *s, struct err *err)
 static int convert_runs(struct grid_stage *s, struct err *err)
 {
 	char name[GRID_NAME_MAX], to[GRID_NAME_MAX];
-	bool older = false, any = false;
+	uint64_t bytes;
+	bool older = false;
 	int rc = 0;
 
 	for (size_t i = 0; rc == 0 && i < s->nruns; i++) {
 		grid_run_name(s->stem, s->runs[i], name);
-		rc = grid_run_version(s->dirfd, name, &older, err);
+		rc = grid_run_check(s->dirfd, name, &older, &bytes, err);
 		if (rc || !older)
 			continue;
 		grid_run_name(s->stem, s->next_run, to);
 		rc = grid_run_convert(s->dirfd, name, to, s->durable, err);
 		if (rc == 0)
 			s->runs[i] = s->next_run++;
-		any = true;
 	}
-	if (rc || !any)
-		return rc;
-	rc = grid_stage_write_state(s, 0, err);
+	if (rc == 0)
+		rc = grid_stage_write_state(s, 0, err);
 	if (rc == 0) {
 		const struct grid_state state = {.next_run = s->next_run, .runs = s->runs, .nruns = s->nruns};
 
@@ -174,7 +174,7 @@ int grid_stage_resume(const struct grid_stage_params *params, struct grid_stage 
 		memcpy(s->runs, state.runs, state.nruns * sizeof *s->runs);
 		s->nall = (uint32_t)state.nsources;
 		s->nruns = state.nruns;
-		rc = convert_runs(s, err);
+		rc = state.older ? convert_runs(s, err) : 0;
 		if (rc)
 			grid_stage_detach(s);
 		else
@@ -195,12 +195,6 @@ int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, uint64_t *
 	*ret_bytes = state.bytes;
 	grid_state_free(&state);
 	return 0;
-}
-
-const uint32_t *grid_stage_sources(const struct grid_stage *s, size_t *ret_n)
-{
-	*ret_n = s->nall;
-	return s->all;
 }
 
 struct grid_stage *grid_stage_detach(struct grid_stage *s)

@@ -327,11 +327,12 @@ def other_versions(base):
     with open(work + "/acut-work") as f:
         text = f.readlines()
     check("the kernel is named", sum(line.startswith("kernel ") for line in text) == 1, "".join(text))
+    check("a program that does not compare it refuses the run", text[0] == "acut-work 2\n", text[0])
     # A pack is lost, and finish has not been.
     os.unlink([os.path.join(work, "mesh", n) for n in os.listdir(work + "/mesh") if n.startswith("pack-")][0])
     os.unlink(work + "/done/finish-0")
     for what, change in (("another kernel", lambda lines: ["kernel kernel 0\n" if x.startswith("kernel ") else x for x in lines]),
-                         ("no kernel", lambda lines: [x for x in lines if not x.startswith("kernel ")]),
+                         ("no kernel", lambda lines: ["acut-work 1\n"] + [x for x in lines[1:] if not x.startswith("kernel ")]),
                          ("no sums", lambda lines: [x for x in lines if not (x.startswith("tasks ") and x.endswith(" sum\n"))])):
         changed(work, lambda lines: change(text[:-1]))
         before = contents(base)
@@ -341,6 +342,9 @@ def other_versions(base):
             p = run(*args, env={"ACUT_CLUSTER_PATIENCE": "0.2"}, status=76)
             check("%s: %s" % (what, args[1:]), "another version of acut began the run" in p.stderr, p.stderr)
         check("nothing is changed", contents(base) == before, "%s: %s" % (what, set(contents(base)) ^ set(before)))
+    changed(work, lambda lines: ["acut-work 3\n"] + lines[1:])
+    check("a newer version", "it has version 3" in run(CLUSTER, "show", work, status=76).stderr)
+    changed(work, lambda lines: ["acut-work 1\n"] + lines[1:])
     run(CLUSTER, "clean", work, "--force")
     check("it is removed", not os.path.exists(work))
     run(CLUSTER, "stage", survey, "--work", work, "--on", "local", "--no-config")
