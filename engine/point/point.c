@@ -4,22 +4,6 @@
  */
 #include "point.h"
 
-static inline uint32_t gather(uint64_t s)
-{
-	s &= UINT64_C(0x5555555555555555);
-	s = (s | s >> 1) & UINT64_C(0x3333333333333333);
-	s = (s | s >> 2) & UINT64_C(0x0f0f0f0f0f0f0f0f);
-	s = (s | s >> 4) & UINT64_C(0x00ff00ff00ff00ff);
-	s = (s | s >> 8) & UINT64_C(0x0000ffff0000ffff);
-	return (uint32_t)(s | s >> 16);
-}
-
-void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_y)
-{
-	*ret_x = (int32_t)(gather(key >> 1) ^ 0x80000000u);
-	*ret_y = (int32_t)(gather(key) ^ 0x80000000u);
-}
-
 static int order(uint64_t a, uint64_t b)
 {
 	return (a > b) - (a < b);

@@ -18,12 +18,12 @@ struct pair {
 _Static_assert(sizeof(struct pair) == sizeof(struct point), "records are rewritten in place");
 
 enum {
-	DIGIT_BITS = 8,
+	DIGIT_BITS = 10,
 	DIGITS = 1 << DIGIT_BITS,
 	FIRST_BITS = 11, /* for all records: more buckets would exceed the cache and the TLB */
 	FIRST_DIGITS = 1 << FIRST_BITS,
 	LEAST_BITS = 4,
-	BUCKET_BITS = 3, /* log2 of the intended number of records in a bucket */
+	BUCKET_BITS = 1, /* log2 of the intended number of records in a bucket */
 	INSERTION_MOST = 24,
 };
 

@@ -144,7 +144,7 @@ size_t simplify_raster_ranges(struct simplify_raster *r)
 	for (uint32_t row = 0; row < SIMPLIFY_RASTER; row++)
 		for (uint64_t bits = r->row[row]; bits; bits &= bits - 1) {
 			uint32_t x = (r->low[0] + (uint32_t)__builtin_ctzll(bits)) << r->shift, y = (r->low[1] + row) << r->shift;
-			uint64_t lo = point_spread(x) << 1 | point_spread(y);
+			uint64_t lo = point_morton((int32_t)(x ^ 0x80000000u), (int32_t)(y ^ 0x80000000u));
 
 			r->range[n++] = (struct simplify_range){lo, lo + ((UINT64_C(1) << 2 * r->shift) - 1)};
 		}
