@@ -51,9 +51,11 @@ configure() {
 	log=$(meson setup "$dir" "$@" 2>&1) || { printf '%s\n' "$log" >&2; rm -rf "$dir"; die "configuring failed"; }
 }
 
-# build DIR [TARGET...]: silent unless it fails.
+# build DIR [TARGET...]: a line for each tenth. The output of the compilers is in DIR/build.log.
 build() {
-	local dir=$1 log
+	local dir=$1
 	shift
-	log=$(ninja -C "$dir" "$@" 2>&1) || { printf '%s\n' "$log" | tail -n 60 >&2; die "building failed"; }
+	ninja -C "$dir" "$@" 2>&1 | tee "$dir/build.log" |
+		awk -F '[][/]' '/^\[[0-9]+\// { t = int(10 * $2 / $3); if (t > last) { last = t; print "acut: built " t "0 %"; fflush() } }' >&2 ||
+		{ tail -n 60 "$dir/build.log" >&2; die "building failed, see $dir/build.log"; }
 }

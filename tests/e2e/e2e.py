@@ -20,6 +20,10 @@ DOMAIN = os.environ.get("ACUT_DOMAIN", "acut-domain")
 GATE = os.environ.get("ACUT_TEST_GATE")
 # How long anything may take before the test says that it hangs. No test compares with it, and none waits for it where all is well.
 PATIENCE = 240
+# meson has malloc fill each block, which is for programs of one room. Filling all memory that daemons may use takes most of the time
+# of a test; lives.py and years.py do it all the same (ACUT_TEST_FILL).
+if not os.environ.get("ACUT_TEST_FILL"):
+    os.environ["MALLOC_PERTURB_"] = "0"
 # A program in the background may inherit that these signals are ignored; programs of the tests must get them.
 for _sig in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT):
     if signal.getsignal(_sig) == signal.SIG_IGN:
@@ -273,15 +277,31 @@ def where(e):
     return "\n".join("  at %s, line %d, in %s: %s" % (os.path.basename(f.filename), f.lineno, f.name, f.line) for f in frames)
 
 
-def main(*cases):
-    """Runs all cases in order; each is a function. The exit status tells whether one failed."""
-    failed = 0
-    for case in cases:
-        start = time.monotonic()
-        try:
-            case()
-            print("ok   %-40s %6.1f s" % (case.__name__, time.monotonic() - start), flush=True)
-        except Exception as e:
-            failed += 1
-            print("FAIL %-40s %6.1f s\n%s: %s\n%s" % (case.__name__, time.monotonic() - start, type(e).__name__, e, where(e)), flush=True)
+def passes(case):
+    start = time.monotonic()
+    try:
+        case()
+        print("ok   %-40s %6.1f s" % (case.__name__, time.monotonic() - start), flush=True)
+        return True
+    except Exception as e:
+        print("FAIL %-40s %6.1f s\n%s: %s\n%s" % (case.__name__, time.monotonic() - start, type(e).__name__, e, where(e)), flush=True)
+        return False
+
+
+def main(*cases, at_once=1):
+    """Runs all cases in order; each is a function. `at_once`: in processes of their own, as many beside each other, for cases that mostly
+    wait. The exit status tells whether one failed."""
+    if at_once == 1:
+        sys.exit(0 if all([passes(case) for case in cases]) else 1)
+    left, running, failed = list(cases), 0, 0
+    while left or running:
+        if left and running < at_once:
+            sys.stdout.flush()
+            if not os.fork():
+                os._exit(0 if passes(left[0]) else 1)
+            left.pop(0)
+            running += 1
+        else:
+            failed += os.wait()[1] != 0
+            running -= 1
     sys.exit(1 if failed else 0)

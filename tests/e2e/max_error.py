@@ -258,7 +258,7 @@ def damaged_while_it_runs():
 def without_room():
     """A simplification that does not fit on the disk waits, keeps what was done, and ends when there is room, with the same mesh."""
     with e2e.Folder() as base:
-        path, view = synth(base, "survey.las", 150000, "--density", 1), ["--max-error", "0.02"]
+        path, view = synth(base, "survey.las", 400000, "--density", 1), ["--max-error", "0.02"]
         with e2e.Daemon(base, name="-a") as d:
             d.ctl("push", "t", path).ok()
             want = mesh_of(settled(d, "t", *view))
@@ -266,7 +266,7 @@ def without_room():
         d.start()
         try:
             d.ctl("push", "t", path).ok()
-            quota = d.ctl("cache", "stat", "--json").ok().json()["state_disk"]["used"] + (2 << 20)
+            quota = d.ctl("cache", "stat", "--json").ok().json()["state_disk"]["used"] + (3 << 20)
             d.stop()
             d.command[d.command.index("100M")] = str(quota)
             d.start()

@@ -557,5 +557,5 @@ def two_at_once():
 
 
 if __name__ == "__main__":
-    e2e.main(killed_daemon, killed_again_and_again, vanished_client, cut_off_in_a_file, interrupted_client, killed_in_the_commit, what_does_not_fit,
-             others_between, discarded, another_user, idle_push_gives_memory, two_at_once)
+    e2e.main(killed_in_the_commit, killed_again_and_again, discarded, idle_push_gives_memory, killed_daemon, vanished_client, cut_off_in_a_file,
+             interrupted_client, what_does_not_fit, others_between, another_user, two_at_once, at_once=6)
