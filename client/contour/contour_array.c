@@ -5,6 +5,7 @@
 
 #include "contour_priv.h"
 #include "err.h"
+#include "grow.h"
 #include "outfile.h"
 
 enum { PAGE = 512 }; /* numbers */
@@ -55,21 +56,13 @@ struct contour_array *contour_array_free(struct contour_array *a)
 	return NULL;
 }
 
-static int grow(struct contour_array *a, uint64_t number, struct err *err)
+static int make_room(struct contour_array *a, uint64_t number, struct err *err)
 {
-	size_t room = a->room ? a->room : 256;
-	void *grown;
+	size_t had = a->room;
 
-	while (room <= number)
-		room *= 2;
-	if (room == a->room)
-		return 0;
-	grown = realloc(a->where, room * sizeof(*a->where));
-	if (!grown)
+	if (!grow(&a->where, &a->room, number + 1, 256, sizeof(*a->where)))
 		return err_set(err, ERR_NOMEM, "no memory for contours");
-	a->where = grown;
-	memset(a->where + a->room, 0, (room - a->room) * sizeof(*a->where));
-	a->room = room;
+	memset(a->where + had, 0, (a->room - had) * sizeof(*a->where));
 	return 0;
 }
 
@@ -122,7 +115,7 @@ int contour_array_at(struct contour_array *a, uint64_t index, bool change, uint6
 {
 	uint64_t number = index / PAGE;
 	struct page *p;
-	int r = number >= a->room ? grow(a, number, err) : 0;
+	int r = number >= a->room ? make_room(a, number, err) : 0;
 
 	if (!r && (!a->where[number] || a->where[number] == IN_FILE))
 		r = load(a, number, err);

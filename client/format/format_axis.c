@@ -90,12 +90,10 @@ static int axis_convert(struct format_axis *ax, const struct acut_mesh_head *hea
 {
 	struct decimal origin = {0, 0};
 	int64_t num, den;
+	int r = format_unit_z(head->unit_z, opt->z_unit, &num, &den, err);
 
-	if (!format_unit_ratio(head->unit_z, opt->z_unit, &num, &den)) {
-		err_set(err, ERR_USAGE, "--z-unit cannot convert heights: the unit of z is %.30s",
-			head->unit_z && *head->unit_z ? head->unit_z : "unknown");
-		return err_add_hint(err, "stage the inputs with --assume-units ,m or ,ft or ,ftUS, for inputs without units");
-	}
+	if (r)
+		return r;
 	ax->k = head->k[2];
 	ax->whole = axis_whole(ax, NULL);
 	if (opt->origin_auto)
@@ -206,10 +204,9 @@ static char *put_decimal(uint64_t n, int decimals, char *at)
 
 char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
 {
-	char digits[24];
 	uint64_t n;
 	int64_t v;
-	int len = 0, decimals;
+	int decimals;
 
 	if (ax->converted)
 		return format_unit_text(ax, x, at);
@@ -231,17 +228,7 @@ char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
 		*at = 0;
 		return at;
 	}
-	do {
-		digits[len++] = (char)('0' + n % 10);
-		n /= 10;
-	} while (n);
-	while (len <= decimals)
-		digits[len++] = '0';
-	while (len) {
-		if (len == decimals)
-			*at++ = '.';
-		*at++ = digits[--len];
-	}
+	at = format_unit_digits(n, decimals, at);
 	for (int i = 0; v && i < ax->e; i++)
 		*at++ = '0';
 	*at = 0;

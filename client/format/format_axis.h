@@ -37,6 +37,13 @@ char *format_axis_origin(const struct acut_mesh_head *, const struct format_opti
 
 /* ---- units of length: format_unit.c ---- */
 
+const char *format_unit_known(const char *unit); /* "unknown" for none */
+/* How long one `unit` is in that of x and y, if it is not NULL, and one of z in `to`. -ERR_USAGE: it cannot be converted;
+ * `option` is its name in messages. */
+int format_unit_xy(const char *option, const char *unit, const char *unit_xy, int64_t *num, int64_t *den, struct err *err);
+int format_unit_z(const char *unit_z, const char *to, int64_t *num, int64_t *den, struct err *err);
+/* A number with a point before its last `decimals` digits. */
+char *format_unit_digits(unsigned __int128 n, int decimals, char *at);
 /* Multiplies an axis whose a, b, e hold, and then subtracts the origin. Negative: too many digits. */
 int format_unit_axis(struct format_axis *, int64_t num, int64_t den, struct decimal origin);
 double format_unit_value(const struct format_axis *, int32_t number); /* nearest double */

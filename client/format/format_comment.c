@@ -8,14 +8,6 @@
 #include "format_axis.h"
 #include "outfile.h"
 
-/* A line must stay a line: control characters become spaces. */
-static void make_line(char *text)
-{
-	for (; *text; text++)
-		if ((unsigned char)*text < ' ' || *text == 0x7f)
-			*text = ' ';
-}
-
 static bool has_window(const struct acut_mesh_head *head)
 {
 	return head->view && strstr(head->view, " window=");
@@ -37,6 +29,15 @@ static void trimmed_text(const struct acut_mesh_head *head, const struct format_
 			 head->bounded ? " bounded" : "");
 }
 
+/* Hands a text to `line`, unless it is empty. It must stay a line: control characters become spaces. */
+static int say(int (*line)(void *ctx, const char *text, struct err *), void *ctx, char *text, struct err *err)
+{
+	for (char *at = text; *at; at++)
+		if ((unsigned char)*at < ' ' || *at == 0x7f)
+			*at = ' ';
+	return *text ? line(ctx, text, err) : 0;
+}
+
 int format_comment_head(const struct acut_mesh_head *head, const struct format_options *opt,
 			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err)
 {
@@ -44,36 +45,25 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 	int r;
 
 	snprintf(text, sizeof(text), "acut-lattice %s", head->lattice);
-	make_line(text);
-	r = line(ctx, text, err);
-	if (!r) {
-		snprintf(text, sizeof(text), "acut-crs %s", head->crs && *head->crs ? head->crs : "unknown");
-		make_line(text);
-		r = line(ctx, text, err);
-	}
-	if (!r && head->geoid && *head->geoid) {
-		snprintf(text, sizeof(text), "acut-geoid %s", head->geoid);
-		make_line(text);
-		r = line(ctx, text, err);
-	}
-	if (!r) {
-		snprintf(text, sizeof(text), "acut-units %.64s %.64s",
-			 head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown",
-			 opt->z_unit                   ? opt->z_unit :
-			 head->unit_z && *head->unit_z ? head->unit_z :
-							 "unknown");
-		make_line(text);
-		r = line(ctx, text, err);
-	}
+	r = say(line, ctx, text, err);
+	snprintf(text, sizeof(text), "acut-crs %s", format_unit_known(head->crs));
+	if (!r)
+		r = say(line, ctx, text, err);
+	snprintf(text, sizeof(text), "acut-geoid %s", head->geoid ? head->geoid : "");
+	if (!r && head->geoid && *head->geoid)
+		r = say(line, ctx, text, err);
+	snprintf(text, sizeof(text), "acut-units %.64s %.64s", format_unit_known(head->unit_xy),
+		 format_unit_known(opt->z_unit ? opt->z_unit : head->unit_z));
+	if (!r)
+		r = say(line, ctx, text, err);
 	format_unit_comment(head, opt, text, sizeof(text));
-	make_line(text);
-	if (!r && text[0])
-		r = line(ctx, text, err);
+	if (!r)
+		r = say(line, ctx, text, err);
 	format_axis_origin(head, opt, text, sizeof(text));
-	if (!r && text[0])
-		r = line(ctx, text, err);
+	if (!r)
+		r = say(line, ctx, text, err);
 	trimmed_text(head, opt, text, sizeof(text));
-	return r || !text[0] ? r : line(ctx, text, err);
+	return r ? r : say(line, ctx, text, err);
 }
 
 char *format_file_name(const struct outfile *out, const char *without, char *buf, size_t size)

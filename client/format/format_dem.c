@@ -25,30 +25,17 @@ double format_dem_steep(const struct acut_mesh_head *head)
 	return xy > 0 && z > 0 ? z / xy : 1;
 }
 
-static int cell_units(const struct format_options *opt, const struct acut_mesh_head *head, struct dem_options *to,
-		      struct err *err)
+int format_dem_block(struct dem *dem, const struct format_block *block, struct err *err)
 {
-	if (!opt->cell_unit || format_unit_ratio(opt->cell_unit, head->unit_xy, &to->cell_num, &to->cell_den))
-		return 0;
-	err_set(err, ERR_USAGE, "--cell is in %s, but the unit of x and y is %.30s", opt->cell_unit,
-		head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
-	return err_add_hint(err, head->unit_xy && !strcmp(head->unit_xy, "degree") ?
-					 "give a bare number of degrees" :
-					 "give a bare number in the units of the files, or stage the inputs with --assume-units");
-}
+	const struct acut_mesh_block *b = block->mesh;
+	int r = 0;
 
-static int z_units(const struct format_options *opt, const struct acut_mesh_head *head, struct dem_options *to, struct err *err)
-{
-	if (!opt->z_unit)
-		return 0;
-	if (!format_unit_ratio(head->unit_z, opt->z_unit, &to->z_num, &to->z_den)) {
-		err_set(err, ERR_USAGE, "--z-unit cannot convert heights: the unit of z is %.30s",
-			head->unit_z && *head->unit_z ? head->unit_z : "unknown");
-		return err_add_hint(err, "stage the inputs with --assume-units ,m or ,ft or ,ftUS, for inputs without units");
+	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
+		const uint32_t *t = b->triangle[i];
+
+		r = dem_triangle(dem, block->position[t[0]], block->position[t[1]], block->position[t[2]], err);
 	}
-	to->unit_z = opt->z_unit;
-	to->z_converted = to->z_num != to->z_den;
-	return 0;
+	return r;
 }
 
 int format_dem_options(const struct format_options *opt, const struct acut_mesh_head *head, enum dem_kind kind,
@@ -70,6 +57,11 @@ int format_dem_options(const struct format_options *opt, const struct acut_mesh_
 		.interrupted = opt->interrupted,
 		.ctx = opt->ctx,
 	};
-	r = cell_units(opt, head, to, err);
-	return r ? r : z_units(opt, head, to, err);
+	r = format_unit_xy("cell", opt->cell_unit, head->unit_xy, &to->cell_num, &to->cell_den, err);
+	if (!r && opt->z_unit) {
+		r = format_unit_z(head->unit_z, opt->z_unit, &to->z_num, &to->z_den, err);
+		to->unit_z = opt->z_unit;
+		to->z_converted = to->z_num != to->z_den;
+	}
+	return r;
 }

@@ -60,14 +60,9 @@ static int put_property(void *ctx, const char *text, struct err *err)
 	return PUT(ctx, err, "<Property label=\"", name, "\" value=\"", value, "\"/>\n");
 }
 
-static const char *known(const char *unit)
-{
-	return unit && *unit ? unit : "unknown";
-}
-
 static int put_units(struct outfile *out, const struct acut_mesh_head *head, const struct format_options *opt, struct err *err)
 {
-	const char *xy = known(head->unit_xy), *z = opt->z_unit ? opt->z_unit : known(head->unit_z);
+	const char *xy = format_unit_known(head->unit_xy), *z = opt->z_unit ? opt->z_unit : format_unit_known(head->unit_z);
 	size_t i = 0;
 
 	while (i < UNITS && strcmp(units[i].name, xy))
@@ -107,7 +102,7 @@ static int put_attribute(struct outfile *out, const char *name, const char *valu
 static int put_system(struct outfile *out, const struct acut_mesh_head *head, const struct format_options *opt, struct err *err)
 {
 	bool shifted = opt->has_origin || opt->origin_auto;
-	bool converted = opt->z_unit && strcmp(opt->z_unit, known(head->unit_z));
+	bool converted = opt->z_unit && strcmp(opt->z_unit, format_unit_known(head->unit_z));
 	bool heights = head->vertical && *head->vertical;
 	char code[32] = "", name[TEXT];
 	int r;

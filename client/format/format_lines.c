@@ -60,7 +60,7 @@ static int length_of(const char *option, struct decimal value, const char *unit,
 	*ret = (struct contour_length){value, 1, 1};
 	if (!unit || format_unit_ratio(unit, to, &ret->num, &ret->den))
 		return 0;
-	err_set(err, ERR_USAGE, "--%s is in %s, but the unit of %s is %.30s", option, unit, axes, to && *to ? to : "unknown");
+	err_set(err, ERR_USAGE, "--%s is in %s, but the unit of %s is %.30s", option, unit, axes, format_unit_known(to));
 	return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with --assume-units");
 }
 
@@ -124,7 +124,7 @@ static int add_comment(void *ctx, const char *text, struct err *err)
 /* The definition is of the heights, too, where it has them: not of converted ones. */
 static int system_of(struct format_lines *w, const struct acut_mesh_head *head, const struct contour_options *o, struct err *err)
 {
-	const char *crs = head->crs && *head->crs ? head->crs : "unknown";
+	const char *crs = format_unit_known(head->crs);
 	bool same = o->z_num == o->z_den || !head->vertical || !*head->vertical;
 
 	snprintf(w->name, sizeof(w->name), "%.*s", (int)strcspn(crs, "\n"), crs);
@@ -142,7 +142,7 @@ static int add_tolerance(struct format_lines *w, const struct acut_mesh_head *he
 	char text[DECIMAL_TEXT_SIZE + 64], number[DECIMAL_TEXT_SIZE];
 
 	snprintf(text, sizeof(text), "acut-simplified %s %.30s", decimal_scaled_text(w->opt.simplify, 1, number),
-		 unit && *unit ? unit : "unknown");
+		 format_unit_known(unit));
 	return add_comment(w, text, err);
 }
 

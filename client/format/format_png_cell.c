@@ -65,15 +65,7 @@ int format_png_cell_head(struct format_png_cell *p, const struct acut_mesh_head 
 
 int format_png_cell_block(struct format_png_cell *p, const struct format_block *block, struct err *err)
 {
-	const struct acut_mesh_block *b = block->mesh;
-	int r = 0;
-
-	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
-		const uint32_t *t = b->triangle[i];
-
-		r = dem_triangle(p->dem, block->position[t[0]], block->position[t[1]], block->position[t[2]], err);
-	}
-	return r;
+	return format_dem_block(p->dem, block, err);
 }
 
 /* ---- the picture ---- */

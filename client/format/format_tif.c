@@ -59,16 +59,7 @@ static int tif_head(void *writer, const struct acut_mesh_head *head, struct err 
 
 static int tif_block(void *writer, const struct format_block *block, struct err *err)
 {
-	struct writer *w = writer;
-	const struct acut_mesh_block *b = block->mesh;
-	int r = 0;
-
-	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
-		const uint32_t *t = b->triangle[i];
-
-		r = dem_triangle(w->dem, block->position[t[0]], block->position[t[1]], block->position[t[2]], err);
-	}
-	return r;
+	return format_dem_block(((struct writer *)writer)->dem, block, err);
 }
 
 static int tif_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)

@@ -60,6 +60,29 @@ bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *
 	return true;
 }
 
+const char *format_unit_known(const char *unit)
+{
+	return unit && *unit ? unit : "unknown";
+}
+
+int format_unit_xy(const char *option, const char *unit, const char *unit_xy, int64_t *num, int64_t *den, struct err *err)
+{
+	if (!unit || format_unit_ratio(unit, unit_xy, num, den))
+		return 0;
+	err_set(err, ERR_USAGE, "--%s is in %s, but the unit of x and y is %.30s", option, unit, format_unit_known(unit_xy));
+	return err_add_hint(err, unit_xy && !strcmp(unit_xy, "degree") ?
+					 "give a bare number of degrees" :
+					 "give a bare number in the units of the files, or stage the inputs with --assume-units");
+}
+
+int format_unit_z(const char *unit_z, const char *to, int64_t *num, int64_t *den, struct err *err)
+{
+	if (format_unit_ratio(unit_z, to, num, den))
+		return 0;
+	err_set(err, ERR_USAGE, "--z-unit cannot convert heights: the unit of z is %.30s", format_unit_known(unit_z));
+	return err_add_hint(err, "stage the inputs with --assume-units ,m or ,ft or ,ftUS, for inputs without units");
+}
+
 /* ---- a converted axis ---- */
 
 static bool power_of_ten(int n, i128 *ret)
@@ -137,29 +160,35 @@ double format_unit_value(const struct format_axis *ax, int32_t x)
 	return nearest(x * ax->value.a + ax->value.b, ax->value.q);
 }
 
-char *format_unit_text(const struct format_axis *ax, int32_t x, char *at)
+char *format_unit_digits(unsigned __int128 n, int decimals, char *at)
 {
-	i128 p = x * ax->text.a + ax->text.b, q = ax->text.q;
-	u128 n = p < 0 ? -(u128)p : (u128)p;
 	char digits[48];
 	int len = 0;
 
-	n = (2 * n + (u128)q) / (2 * (u128)q);
-	if (p < 0 && n)
-		*at++ = '-';
 	do {
 		digits[len++] = (char)('0' + (int)(n % 10));
 		n /= 10;
 	} while (n);
-	while (len <= ax->decimals)
+	while (len <= decimals)
 		digits[len++] = '0';
 	while (len) {
-		if (len == ax->decimals)
+		if (len == decimals)
 			*at++ = '.';
 		*at++ = digits[--len];
 	}
 	*at = 0;
 	return at;
+}
+
+char *format_unit_text(const struct format_axis *ax, int32_t x, char *at)
+{
+	i128 p = x * ax->text.a + ax->text.b, q = ax->text.q;
+	u128 n = p < 0 ? -(u128)p : (u128)p;
+
+	n = (2 * n + (u128)q) / (2 * (u128)q);
+	if (p < 0 && n)
+		*at++ = '-';
+	return format_unit_digits(n, ax->decimals, at);
 }
 
 char *format_unit_comment(const struct acut_mesh_head *head, const struct format_options *opt, char *buf, size_t size)

@@ -88,14 +88,8 @@ int outputs_limit_init(struct outputs_limit *limit, const struct acut_mesh_head 
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
 	if (length->value.mantissa < 0)
 		return err_set(err, ERR_USAGE, "--%s is less than zero", option);
-	if (length->unit && !format_unit_ratio(length->unit, head->unit_xy, &num, &den)) {
-		err_set(err, ERR_USAGE, "--%s is in %s, but the unit of x and y is %.30s", option, length->unit,
-			head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
-		return err_add_hint(
-			err, head->unit_xy && !strcmp(head->unit_xy, "degree") ?
-				     "give a bare number of degrees" :
-				     "give a bare number in the units of the files, or stage the inputs with --assume-units");
-	}
+	if (format_unit_xy(option, length->unit, head->unit_xy, &num, &den, err))
+		return -(int)err->code;
 	/* the longest edge of all is below 2^33 lattice units */
 	if (decimal_double(length->value) * (double)num / (double)den / decimal_double(scale) >= 0x1p34) {
 		limit->none_longer = true;

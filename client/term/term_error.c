@@ -7,6 +7,10 @@
 
 void term_error_json(struct term_json *j, const char *key, const struct err *err)
 {
+	if (!err->code) {
+		term_json_put_null(j, key, TERM_JSON_UNKNOWN);
+		return;
+	}
 	term_json_open(j, key, '{');
 	term_json_text(j, "code", err_wire_name(err->code));
 	term_json_text(j, "file", err->file[0] ? err->file : NULL);

@@ -120,7 +120,7 @@ static int number(struct wkt *w, struct decimal *ret)
 }
 
 /* x y, and up to two more that do not matter. */
-static int corner(struct wkt *w)
+static int corner(struct wkt *w, bool first)
 {
 	struct decimal d[2], more;
 	int r;
@@ -140,51 +140,37 @@ static int corner(struct wkt *w)
 	return ctl_area_corner(w->area, d[0], d[1], w->err);
 }
 
-static int ring(struct wkt *w, bool shell)
+/* "(", one or more with commas between them, ")". */
+static int list(struct wkt *w, const char *start, int (*each)(struct wkt *, bool first))
 {
+	bool first = true;
 	int r;
 
 	if (!sign(w, '('))
-		return bad(w, "\"(\", the start of a ring,");
-	if ((r = ctl_area_ring(w->area, shell, w->err)))
-		return r;
+		return bad(w, start);
 	do {
-		if ((r = corner(w)))
+		if ((r = each(w, first)))
 			return r;
+		first = false;
 	} while (sign(w, ','));
 	return sign(w, ')') ? 0 : bad(w, "\",\" or \")\"");
 }
 
-static int polygon(struct wkt *w)
+static int ring(struct wkt *w, bool shell)
 {
-	bool shell = true;
-	int r;
+	int r = ctl_area_ring(w->area, shell, w->err);
 
-	if (word(w, "EMPTY"))
-		return 0;
-	if (!sign(w, '('))
-		return bad(w, "\"(\", the start of a polygon,");
-	do {
-		if ((r = ring(w, shell)))
-			return r;
-		shell = false;
-	} while (sign(w, ','));
-	return sign(w, ')') ? 0 : bad(w, "\",\" or \")\"");
+	return r ? r : list(w, "\"(\", the start of a ring,", corner);
+}
+
+static int polygon(struct wkt *w, bool first)
+{
+	return word(w, "EMPTY") ? 0 : list(w, "\"(\", the start of a polygon,", ring);
 }
 
 static int multipolygon(struct wkt *w)
 {
-	int r;
-
-	if (word(w, "EMPTY"))
-		return 0;
-	if (!sign(w, '('))
-		return bad(w, "\"(\", the start of a multipolygon,");
-	do {
-		if ((r = polygon(w)))
-			return r;
-	} while (sign(w, ','));
-	return sign(w, ')') ? 0 : bad(w, "\",\" or \")\"");
+	return word(w, "EMPTY") ? 0 : list(w, "\"(\", the start of a multipolygon,", polygon);
 }
 
 static void dimensions(struct wkt *w)
@@ -205,7 +191,7 @@ static int geometry(struct wkt *w)
 		}
 		if (word(w, one[i])) {
 			dimensions(w);
-			return polygon(w);
+			return polygon(w, true);
 		}
 	}
 	bad(w, "POLYGON or MULTIPOLYGON");

@@ -11,6 +11,7 @@
 
 #include "err.h"
 #include "volume_priv.h"
+#include "wide.h"
 
 /* mantissa * 10^by; false: more than 2^62. */
 static bool raise(int64_t mantissa, int64_t by, volume_i128 *ret)
@@ -30,15 +31,11 @@ static int axis_init(struct volume_frame *f, int axis, const struct decimal scal
 {
 	int32_t e = scale[0].exponent < scale[1].exponent ? scale[0].exponent : scale[1].exponent;
 	char first[DECIMAL_TEXT_SIZE], second[DECIMAL_TEXT_SIZE];
-	volume_i128 m[2], a, b;
+	volume_i128 m[2];
 
 	if (raise(scale[0].mantissa, scale[0].exponent - e, &m[0]) && raise(scale[1].mantissa, scale[1].exponent - e, &m[1])) {
-		for (a = m[0], b = m[1]; b;) {
-			volume_i128 rest = a % b;
+		volume_i128 a = wide_gcd(m[0], m[1]);
 
-			a = b;
-			b = rest;
-		}
 		f->step[axis] = (struct decimal){(int64_t)a, e};
 		f->times[0][axis] = (int64_t)(m[0] / a);
 		f->times[1][axis] = (int64_t)(m[1] / a);

@@ -99,6 +99,19 @@ void volume_area_box(const struct volume_area *, int64_t ret[4]); /* lattice num
 /* Adds the part of it that is inside. */
 void volume_area_add(const struct volume_area *, const struct volume_polygon *, struct volume_sums *);
 
+/* ---- trees of boxes over a list: its nodes in the order of a walk from the root ---- */
+
+struct volume_node {
+	size_t box, low, high; /* its leaves: low <= i < high */
+};
+static inline struct volume_node volume_half(struct volume_node n, bool second)
+{
+	size_t middle = n.low + (n.high - n.low) / 2;
+
+	return second ? (struct volume_node){n.box + 2 * (middle - n.low), middle, n.high} :
+			(struct volume_node){n.box + 1, n.low, middle};
+}
+
 /* ---- results: volume_rows.c ---- */
 
 /* One for all, or one for each polygon. */

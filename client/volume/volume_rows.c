@@ -21,18 +21,7 @@ struct volume_rows {
 	bool all;
 };
 
-struct node {
-	size_t box, low, high;
-};
-
-static struct node half(struct node n, bool second)
-{
-	size_t middle = n.low + (n.high - n.low) / 2;
-
-	return second ? (struct node){n.box + 2 * (middle - n.low), middle, n.high} : (struct node){n.box + 1, n.low, middle};
-}
-
-static void make_boxes(struct volume_rows *rows, struct node n)
+static void make_boxes(struct volume_rows *rows, struct volume_node n)
 {
 	int64_t *box = rows->box[n.box];
 
@@ -41,9 +30,9 @@ static void make_boxes(struct volume_rows *rows, struct node n)
 		return;
 	}
 	for (int i = 0; i < 2; i++) {
-		const int64_t *part = rows->box[half(n, i).box];
+		const int64_t *part = rows->box[volume_half(n, i).box];
 
-		make_boxes(rows, half(n, i));
+		make_boxes(rows, volume_half(n, i));
 		for (int k = 0; k < 2; k++) {
 			box[k] = !i || part[k] < box[k] ? part[k] : box[k];
 			box[2 + k] = !i || part[2 + k] > box[2 + k] ? part[2 + k] : box[2 + k];
@@ -69,7 +58,7 @@ static int add_areas(struct volume_rows *rows, const struct volume_frame *f, con
 	rows->box = calloc(2 * rows->n, sizeof(*rows->box));
 	if (!rows->box)
 		return no_memory(err);
-	make_boxes(rows, (struct node){0, 0, rows->n});
+	make_boxes(rows, (struct volume_node){0, 0, rows->n});
 	return 0;
 }
 
@@ -122,7 +111,7 @@ const struct volume_sums *volume_rows_sums(const struct volume_rows *rows, size_
 /* ---- what comes ---- */
 
 /* Returns what is inside. */
-static volume_i128 add(struct volume_rows *rows, struct node n, const struct volume_polygon *p, int cover)
+static volume_i128 add(struct volume_rows *rows, struct volume_node n, const struct volume_polygon *p, int cover)
 {
 	const int64_t *box = rows->box[n.box];
 	struct row *row = &rows->row[n.low];
@@ -132,7 +121,7 @@ static volume_i128 add(struct volume_rows *rows, struct node n, const struct vol
 	if (box[0] > p->box[2] || p->box[0] > box[2] || box[1] > p->box[3] || p->box[1] > box[3])
 		return 0;
 	if (n.high - n.low > 1)
-		return add(rows, half(n, false), p, cover) + add(rows, half(n, true), p, cover);
+		return add(rows, volume_half(n, false), p, cover) + add(rows, volume_half(n, true), p, cover);
 	if (cover < 0) {
 		before = row->sums.shared;
 		volume_area_add(row->area, p, &row->sums);
@@ -149,7 +138,7 @@ volume_i128 volume_rows_add(struct volume_rows *rows, const struct volume_polygo
 	volume_i128 before = rows->row[0].sums.shared;
 
 	if (!rows->all)
-		return add(rows, (struct node){0, 0, rows->n}, p, -1);
+		return add(rows, (struct volume_node){0, 0, rows->n}, p, -1);
 	volume_add(p, NULL, &rows->row[0].sums);
 	return rows->row[0].sums.shared - before;
 }
@@ -175,5 +164,5 @@ void volume_rows_cover(struct volume_rows *rows, const struct volume_triangle *t
 	volume_above(t, 0, 0, &p);
 	memset(p.f, 0, sizeof(p.f));
 	p.range = 0;
-	add(rows, (struct node){0, 0, rows->n}, &p, (int)side);
+	add(rows, (struct volume_node){0, 0, rows->n}, &p, (int)side);
 }

@@ -36,17 +36,6 @@ struct volume_area {
 	int64_t bounds[4];
 };
 
-struct node {
-	size_t box, low, high; /* leaves */
-};
-
-static struct node half(struct node n, bool second)
-{
-	size_t middle = n.low + (n.high - n.low) / 2;
-
-	return second ? (struct node){n.box + 2 * (middle - n.low), middle, n.high} : (struct node){n.box + 1, n.low, middle};
-}
-
 static const int64_t *corner_of(const struct volume_area *a, const struct ring *r, size_t i)
 {
 	return a->corner[r->first + (i < r->n ? i : 0)];
@@ -65,13 +54,13 @@ static void box_add(int64_t box[4], const int64_t p[2])
 	}
 }
 
-static void edges_of(const struct ring *r, struct node n, size_t *from, size_t *to)
+static void edges_of(const struct ring *r, struct volume_node n, size_t *from, size_t *to)
 {
 	*from = n.low * LEAF;
 	*to = n.high * LEAF < r->n ? n.high * LEAF : r->n;
 }
 
-static void make_boxes(struct volume_area *a, const struct ring *r, struct node n)
+static void make_boxes(struct volume_area *a, const struct ring *r, struct volume_node n)
 {
 	int64_t *box = a->box[n.box];
 	size_t from, to;
@@ -82,7 +71,7 @@ static void make_boxes(struct volume_area *a, const struct ring *r, struct node 
 	for (size_t i = from; i <= to; i++)
 		box_add(box, corner_of(a, r, i));
 	for (int k = 0; k < 2 && n.high - n.low > 1; k++)
-		make_boxes(a, r, half(n, k));
+		make_boxes(a, r, volume_half(n, k));
 }
 
 /* ---- how often the rings wind around a place ---- */
@@ -99,7 +88,7 @@ static int winds(const int64_t p[2], const int64_t q[2], const int64_t at[2])
 	return up ? -(turn <= 0) : turn >= 0;
 }
 
-static int winding_of(const struct volume_area *a, const struct ring *r, struct node n, const int64_t at[2])
+static int winding_of(const struct volume_area *a, const struct ring *r, struct volume_node n, const int64_t at[2])
 {
 	const int64_t *box = a->box[n.box];
 	size_t from, to;
@@ -111,7 +100,7 @@ static int winding_of(const struct volume_area *a, const struct ring *r, struct 
 	if (box[2] <= at[0]) /* all of it is to the left: only where it begins and ends counts */
 		return (corner_of(a, r, from)[1] > at[1]) - (corner_of(a, r, to)[1] > at[1]);
 	if (n.high - n.low > 1)
-		return winding_of(a, r, half(n, false), at) + winding_of(a, r, half(n, true), at);
+		return winding_of(a, r, volume_half(n, false), at) + winding_of(a, r, volume_half(n, true), at);
 	for (size_t i = from; i < to; i++)
 		sum += winds(corner_of(a, r, i), corner_of(a, r, i + 1), at);
 	return sum;
@@ -122,7 +111,7 @@ static int winding(const struct volume_area *a, const int64_t at[2])
 	int sum = 0;
 
 	for (size_t i = 0; i < a->nring; i++)
-		sum += winding_of(a, &a->ring[i], (struct node){a->ring[i].box, 0, a->ring[i].leaves}, at);
+		sum += winding_of(a, &a->ring[i], (struct volume_node){a->ring[i].box, 0, a->ring[i].leaves}, at);
 	return sum;
 }
 
@@ -136,14 +125,14 @@ struct visit {
 	void *ctx;
 };
 
-static bool visit_node(const struct visit *v, const struct ring *r, struct node n)
+static bool visit_node(const struct visit *v, const struct ring *r, struct volume_node n)
 {
 	size_t from, to;
 
 	if (!boxes_meet(v->area->box[n.box], v->box))
 		return true;
 	if (n.high - n.low > 1)
-		return visit_node(v, r, half(n, false)) && visit_node(v, r, half(n, true));
+		return visit_node(v, r, volume_half(n, false)) && visit_node(v, r, volume_half(n, true));
 	edges_of(r, n, &from, &to);
 	for (size_t i = from; i < to; i++) {
 		const int64_t *p = corner_of(v->area, r, i), *q = corner_of(v->area, r, i + 1);
@@ -159,7 +148,7 @@ static bool visit_node(const struct visit *v, const struct ring *r, struct node 
 static bool visit(const struct visit *v)
 {
 	for (size_t i = 0; i < v->area->nring; i++)
-		if (!visit_node(v, &v->area->ring[i], (struct node){v->area->ring[i].box, 0, v->area->ring[i].leaves}))
+		if (!visit_node(v, &v->area->ring[i], (struct volume_node){v->area->ring[i].box, 0, v->area->ring[i].leaves}))
 			return false;
 	return true;
 }
@@ -297,7 +286,7 @@ static int finish(struct volume_area *a, const struct volume_frame *f, struct er
 	for (size_t i = 0; i < a->nring; i++) {
 		const int64_t *box = a->box[a->ring[i].box];
 
-		make_boxes(a, &a->ring[i], (struct node){a->ring[i].box, 0, a->ring[i].leaves});
+		make_boxes(a, &a->ring[i], (struct volume_node){a->ring[i].box, 0, a->ring[i].leaves});
 		if (!i)
 			memcpy(a->bounds, box, sizeof(a->bounds));
 		box_add(a->bounds, box);

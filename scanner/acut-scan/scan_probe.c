@@ -238,10 +238,7 @@ static void as_json(const struct probe *p, const struct err *err)
 		term_json_null(&j, "first_sweep");
 	}
 	term_json_bool(&j, "fits", !err->code);
-	if (err->code)
-		term_error_json(&j, "error", err);
-	else
-		term_json_null(&j, "error");
+	term_error_json(&j, "error", err);
 	term_json_end(&j);
 }
 

@@ -181,10 +181,7 @@ static void end_json(struct record *r, const char *sum, const struct err *err)
 	term_json_u64(&j, "records", t.records);
 	term_json_u64(&j, "events", t.events);
 	term_json_text(&j, "sha256", sum);
-	if (err->code)
-		term_error_json(&j, "error", err);
-	else
-		term_json_null(&j, "error");
+	term_error_json(&j, "error", err);
 	term_json_end(&j);
 }
 

@@ -14,6 +14,7 @@
 #include <sys/stat.h>
 
 #include "err.h"
+#include "grow.h"
 #include "pose_parts.h"
 
 enum { BLOCK_ROWS = 64 };
@@ -32,7 +33,7 @@ struct pose_track {
 	double gap;
 	struct pose_span span;
 	struct place *place;
-	size_t nplace;
+	size_t nplace, places_room;
 	uint64_t rows;          /* of a block */
 	struct pose_node *node; /* of block `block`, and the first one after it */
 	size_t nnode, block, hint;
@@ -91,13 +92,8 @@ static int place_add(struct pose_track *t, const struct pose_row *row, uint64_t 
 		t->nplace /= 2;
 		t->rows *= 2;
 	}
-	if (!(t->nplace & (t->nplace - 1))) {
-		struct place *more = realloc(t->place, (t->nplace ? 2 * t->nplace : 1) * sizeof *more);
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for an index of poses");
-		t->place = more;
-	}
+	if (!grow(&t->place, &t->places_room, t->nplace + 1, 16, sizeof *t->place))
+		return err_set(err, ERR_NOMEM, "no memory for an index of poses");
 	t->place[t->nplace++] = (struct place){.time = row->time, .offset = offset, .line = t->lines.line};
 	return 0;
 }

@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "cursor.h"
+#include "grow.h"
 #include "io.h"
 #include "spool_priv.h"
 
@@ -51,25 +52,13 @@ static size_t bytes_left(const struct spool_reader *r)
 /* Makes room for n bytes from `at`. */
 static int make_room(struct spool_reader *r, size_t n, struct err *err)
 {
-	size_t room = r->room;
-	uint8_t *grown;
-
 	if (r->room - r->at >= n)
 		return 0;
 	memmove(r->buf, r->buf + r->at, bytes_left(r));
 	r->base += r->at;
 	r->end -= r->at;
 	r->at = 0;
-	while (room < n)
-		room *= 2;
-	if (room == r->room)
-		return 0;
-	grown = realloc(r->buf, room);
-	if (!grown)
-		return err_set(err, ERR_NOMEM, "no memory to read a spool");
-	r->buf = grown;
-	r->room = room;
-	return 0;
+	return grow(&r->buf, &r->room, n, n, 1) ? 0 : err_set(err, ERR_NOMEM, "no memory to read a spool");
 }
 
 /* 1: n bytes are there; 0: the file ends before; negative. Never waits for more than n. */

@@ -32,38 +32,43 @@
 	w->coder = c;                                                \
 	return 0
 
-/* ---- class: from the last class, and whether the return is the only one ---- */
+/* ---- a byte by one of 64 models ---- */
 
-struct class
-{
+struct bytes {
 	unsigned now;
 	alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)];
 };
-struct class_layer {
+struct bytes_layer {
 	unsigned now;
-	struct class channel[LAZ_CHANNELS];
+	struct bytes channel[LAZ_CHANNELS];
 };
 
-static void class_open(struct class *s, const struct class *from)
+static void bytes_open(struct bytes *s, const struct bytes *from)
 {
 	s->now = from->now;
 	laz_models_reset(MODEL(s->models), 256, 64);
 }
 
-static void class_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+static void bytes_begin(struct bytes_layer *l, unsigned first, unsigned channel)
 {
-	struct class_layer *l = state;
-	struct class *s = &l->channel[channel];
+	struct bytes *s = &l->channel[channel];
 
 	l->now = channel;
-	s->now = first[LAZ_AT_CLASS];
-	class_open(s, s);
+	s->now = first;
+	bytes_open(s, s);
+}
+
+/* ---- class: from the last class, and whether the return is the only one ---- */
+
+static void class_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	bytes_begin(state, first[LAZ_AT_CLASS], channel);
 }
 
 static int class_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
 		      struct err *err)
 {
-	EACH_RECORD(class_layer, class, class_open, {
+	EACH_RECORD(bytes_layer, bytes, bytes_open, {
 		unsigned which = (s->now & 31) * 2 + (step->place == 3);
 
 		s->now = laz_symbol_lazy(&c, laz_model_at(MODEL(s->models), 256, which), 256);
@@ -71,7 +76,7 @@ static int class_read(void *state, struct laz_window *w, struct laz_step *step, 
 	});
 }
 
-const struct laz_layer_row laz_layer_class = {"class", sizeof(struct class_layer), true, class_begin, class_read};
+const struct laz_layer_row laz_layer_class = {"class", sizeof(struct bytes_layer), true, class_begin, class_read};
 
 /* ---- flags: 4 bits of class flags, direction, edge; from the last ones ---- */
 
@@ -199,38 +204,18 @@ const struct laz_layer_row laz_layer_source = {
 
 /* ---- user data: from the upper six bits of the last ---- */
 
-struct user {
-	unsigned now;
-	alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)];
-};
-struct user_layer {
-	unsigned now;
-	struct user channel[LAZ_CHANNELS];
-};
-
-static void user_open(struct user *s, const struct user *from)
-{
-	s->now = from->now;
-	laz_models_reset(MODEL(s->models), 256, 64);
-}
-
 static void user_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
 {
-	struct user_layer *l = state;
-	struct user *s = &l->channel[channel];
-
-	l->now = channel;
-	s->now = first[LAZ_AT_USER];
-	user_open(s, s);
+	bytes_begin(state, first[LAZ_AT_USER], channel);
 }
 
 static int user_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
 		     struct err *err)
 {
-	EACH_RECORD(user_layer, user, user_open, {
+	EACH_RECORD(bytes_layer, bytes, bytes_open, {
 		s->now = laz_symbol_lazy(&c, laz_model_at(MODEL(s->models), 256, s->now / 4), 256);
 		item[LAZ_AT_USER] = (uint8_t)s->now;
 	});
 }
 
-const struct laz_layer_row laz_layer_user = {"user data", sizeof(struct user_layer), false, user_begin, user_read};
+const struct laz_layer_row laz_layer_user = {"user data", sizeof(struct bytes_layer), false, user_begin, user_read};
