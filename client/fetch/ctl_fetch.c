@@ -72,7 +72,7 @@ struct feed {
 	struct outputs *run;
 	struct session_progress progress;
 	struct session *session;
-	struct err err; /* of saving */
+	struct err err; /* of saving, or of a window's report */
 	bool part;      /* of a job's mesh only a window is fetched */
 	struct ctl_window window;
 };
@@ -124,9 +124,9 @@ static int feed_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct feed *f = ctx;
 
-	if (f->part)
-		ctl_window_tail(&f->window, tail);
-	return f->sink.tail(f->sink.ctx, tail);
+	int r = f->part ? ctl_window_tail(&f->window, tail, &f->err) : 0;
+
+	return r ? r : f->sink.tail(f->sink.ctx, tail);
 }
 
 static void feed_progress(void *ctx, const struct acut_progress *now)

@@ -90,6 +90,7 @@ struct ctl_window {
 	struct acut_report report;
 	char digest[40], vertex_digest[40], note[200], max_error[64], largest_error[64];
 };
-void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
+/* -ERR_PROTO: the report in the tail cannot be read. */
+int ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *, struct err *err);
 
 #endif

@@ -20,7 +20,6 @@ LIBRARIES = {
     "systemd": ("libsystemd", ("systemd/",)),
     "GeographicLib": ("geographiclib", ("GeographicLib/",)),
     "nettle": ("nettle", ("nettle/",)),
-    "json-c": ("json-c", ("json-c/",)),
     "libpng": ("libpng", ("png.h",)),
     "libdeflate": ("libdeflate", ("libdeflate.h",)),
     "libusb": ("libusb-1.0", ("libusb",)),
