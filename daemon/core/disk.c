@@ -87,8 +87,12 @@ static void query_done(struct sched_task *t)
 	assert(d->querying);
 	core_background_done(core);
 	d->querying = false;
-	if (t->ran && !core->stopping && d->measured && !d->work && space_is_exceeded(core->space))
-		submit_cache_work(core, false);
+	if (t->ran && !core->stopping && d->measured && !d->work) {
+		bool measure = space_is_inexact(core->space);
+
+		if (measure || space_is_exceeded(core->space))
+			submit_cache_work(core, measure);
+	}
 }
 
 static void submit_query(struct core *core)

@@ -342,6 +342,16 @@ bool space_would_fit(struct space *s, enum space_kind kind, uint64_t bytes, uint
 	return !l.bytes;
 }
 
+bool space_is_inexact(struct space *s)
+{
+	bool inexact;
+
+	lock_take(&s->lock);
+	inexact = s->inexact && !s->uncommitted[SPACE_DOMAINS] && !s->uncommitted[SPACE_SELECTIONS];
+	lock_give(&s->lock);
+	return inexact;
+}
+
 bool space_is_exceeded(struct space *s)
 {
 	bool exceeded = false;

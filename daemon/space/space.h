@@ -90,6 +90,9 @@ void space_query_wait(struct space *, uint64_t since_ns, uint64_t until_ns);
 bool space_would_fit(struct space *, enum space_kind, uint64_t bytes, uint64_t *ret_missing);
 /* Quota or keep-free are exceeded, and eviction helps. */
 bool space_is_exceeded(struct space *);
+/* The last pass over the folders met files that were being written, and may have counted some twice; none is written now, so
+ * that space_measure would be exact. */
+bool space_is_inexact(struct space *);
 
 /* Temporary names in cache/selected, of selections that are being made or removed, begin so. */
 #define SPACE_SELECTION_TEMP "tmp-"

@@ -230,6 +230,7 @@ static int read_all(struct evict_pass *p, struct err *err)
 {
 	struct space *s = p->space;
 	uint64_t before[2];
+	bool inexact = false;
 	int r;
 
 	assert(lock_held(LOCK_EVICT));
@@ -238,8 +239,10 @@ static int read_all(struct evict_pass *p, struct err *err)
 	memset(p->bytes, 0, sizeof p->bytes);
 	memset(p->entries, 0, sizeof p->entries);
 	lock_take(&s->lock);
-	for (int k = 0; k < 2; k++)
+	for (int k = 0; k < 2; k++) {
 		before[k] = s->committed[SPACE_DOMAINS + k];
+		inexact |= s->uncommitted[SPACE_DOMAINS + k] > 0;
+	}
 	p->since_ns = s->running_since_us > INT64_MAX / 1000 ? INT64_MAX : s->running_since_us * 1000;
 	lock_give(&s->lock);
 	r = folder_read(p, s->p.cachefd, "domains", "", DEPTH_MAX, domain_found, err);
@@ -249,13 +252,16 @@ static int read_all(struct evict_pass *p, struct err *err)
 		return r;
 	lock_take(&s->lock);
 	for (int k = 0; k < 2; k++) {
-		/* Files that were committed meanwhile may or may not have been seen: they count here, and the next pass corrects
-		 * that. Files that are being written were not seen, and their writers will give back all that they took. */
+		/* Files that were committed meanwhile, or have their final name and are not committed, may or may not have been
+		 * seen: they count here, and the next pass corrects that. Of others that are being written, their writers will
+		 * give back all that they took. */
 		s->taken[SPACE_DOMAINS + k] =
 			p->bytes[k] + s->committed[SPACE_DOMAINS + k] - before[k] + s->uncommitted[SPACE_DOMAINS + k];
 		s->entries[SPACE_DOMAINS + k] = p->entries[k];
+		inexact |= s->uncommitted[SPACE_DOMAINS + k] || s->committed[SPACE_DOMAINS + k] != before[k];
 	}
 	s->measured = true;
+	s->inexact = inexact;
 	lock_give(&s->lock);
 	return 0;
 }

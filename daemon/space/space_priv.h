@@ -35,6 +35,7 @@ struct space {
 	struct space_held *held;
 	int64_t running_since_us; /* domains used since then are in use */
 	bool measured;
+	bool inexact;          /* files were committed during the last pass, which may have counted them twice */
 	uint64_t futile_ns[2]; /* by need: when an eviction last freed too little; 0: none has */
 	uint64_t evicted_bytes, evicted_files;
 };

@@ -11,9 +11,15 @@
 
 enum { STRETCH = 4 };
 
+/* The leaves of the tree: the next power of two, so that all matches have as many levels, which the processor predicts. */
+static unsigned leaves_of(unsigned inputs)
+{
+	return inputs > 1 ? 2u << (31 - __builtin_clz(inputs - 1)) : 1;
+}
+
 size_t grid_merge_bytes(unsigned inputs)
 {
-	return (inputs + 1) * (sizeof(struct grid_merge_node) + sizeof(struct grid_merge_input));
+	return (inputs + 1) * sizeof(struct grid_merge_input) + leaves_of(inputs) * sizeof(struct grid_merge_node);
 }
 
 void grid_merge_init(struct grid_merge *m, unsigned inputs, void *memory)
@@ -135,16 +141,16 @@ static bool ties_less(const struct grid_merge_input *a, const struct grid_merge_
 	return a->table[point_source(p)] < b->table[point_source(q)];
 }
 
-/* Decides a match of equal keys. Input -1 means an empty node, and wins against all. */
+/* Decides a match of equal keys. Input -1 means an empty node, and wins against all; a leaf without input loses. */
 static bool tie_beats(const struct grid_merge *m, int a, int b)
 {
-	return a < 0 || b < 0 ? a < b : ties_less(&m->input[a], &m->input[b]);
+	return a < 0 || b < 0 || a >= (int)m->n || b >= (int)m->n ? a < b : ties_less(&m->input[a], &m->input[b]);
 }
 
 /* Plays `one` up to the root. The winner is unpredictable, so nodes are exchanged without a branch. */
 static inline void play(struct grid_merge *m, struct grid_merge_node one)
 {
-	for (unsigned t = ((unsigned)one.input + m->n) / 2; t > 0; t /= 2) {
+	for (unsigned t = ((unsigned)one.input + m->leaves) / 2; t > 0; t /= 2) {
 		struct grid_merge_node *node = &m->tree[t];
 		uint64_t swap = node->key < one.key;
 
@@ -164,19 +170,25 @@ static inline void play(struct grid_merge *m, struct grid_merge_node one)
 	m->tree[0] = one;
 }
 
-static struct grid_merge_node node_of(const struct grid_merge *m, int input)
+/* The node of an input. The key of the record behind its next one is made now: it is at hand when that has won, and the matches
+ * need not wait for it. `fresh`: it went on by more than one record. */
+static inline struct grid_merge_node node_of(struct grid_merge *m, int input, bool fresh)
 {
-	const struct grid_merge_input *in = &m->input[input];
+	struct grid_merge_input *in = &m->input[input];
+	uint64_t key = in->done ? UINT64_MAX : fresh ? key_of(in->at) : in->key;
 
-	return (struct grid_merge_node){.key = in->done ? UINT64_MAX : key_of(in->at), .input = input};
+	if (!in->done && in->at + 1 < in->end)
+		in->key = key_of(in->at + 1);
+	return (struct grid_merge_node){.key = key, .input = input};
 }
 
 void grid_merge_start(struct grid_merge *m)
 {
-	for (unsigned i = 0; i <= m->n; i++)
+	m->leaves = leaves_of(m->n);
+	for (unsigned i = 0; i < m->leaves; i++)
 		m->tree[i] = (struct grid_merge_node){.key = 0, .input = -1};
-	for (unsigned i = m->n; i-- > 0;)
-		play(m, node_of(m, (int)i));
+	for (unsigned i = m->leaves; i-- > 0;)
+		play(m, i < m->n ? node_of(m, (int)i, true) : (struct grid_merge_node){.key = UINT64_MAX, .input = (int)i});
 }
 
 /* The best key of all other inputs: below it, the winner wins without a match. */
@@ -184,7 +196,7 @@ static uint64_t runner_up(const struct grid_merge *m)
 {
 	uint64_t key = UINT64_MAX;
 
-	for (unsigned t = ((unsigned)m->tree[0].input + m->n) / 2; t > 0; t /= 2)
+	for (unsigned t = ((unsigned)m->tree[0].input + m->leaves) / 2; t > 0; t /= 2)
 		key = m->tree[t].key < key ? m->tree[t].key : key;
 	return key;
 }
@@ -215,20 +227,22 @@ int grid_merge_take(struct grid_merge *m, struct point *pts, uint32_t *ids, size
 	while (n < max && m->n) {
 		int input = m->tree[0].input;
 		struct grid_merge_input *in = &m->input[input];
+		bool fresh = m->wins >= STRETCH;
 
 		if (in->done)
 			break;
-		if (m->wins < STRETCH)
-			n += take_one(in, pts + n, ids ? ids + n : NULL);
-		else
+		if (fresh)
 			n += take_stretch(in, pts + n, ids ? ids + n : NULL, max - n, runner_up(m));
+		else
+			n += take_one(in, pts + n, ids ? ids + n : NULL);
 		if (in->at == in->end) {
 			int rc = refill(in, err);
 
 			if (rc)
 				return rc;
+			fresh = true;
 		}
-		play(m, node_of(m, input));
+		play(m, node_of(m, input, fresh));
 	}
 	*ret_n = n;
 	return 0;

@@ -18,6 +18,7 @@ struct grid_merge_input {
 	const struct point *at, *end;
 	const uint32_t *table; /* source of a record by its source index */
 	uint64_t lo, hi;
+	uint64_t key; /* of the record behind `at`, if there is one before `end` */
 	bool done;
 	struct grid_run_reader run; /* a run; run.run is NULL for the other kinds of input */
 	/* A stream: returns the next sorted records and their table, valid until the next call; *ret_n = 0 at the end. */
@@ -33,6 +34,7 @@ struct grid_merge_node {
 
 struct grid_merge {
 	unsigned n, cap;
+	unsigned leaves;              /* of the tree; those from n on have no input */
 	unsigned wins;                /* how often the same input has won in a row */
 	struct grid_merge_node *tree; /* 0: the winner; the others: the loser of that match */
 	struct grid_merge_input *input;
