@@ -263,6 +263,8 @@ def doctor_names_a_file_that_hangs():
 
 
 if __name__ == "__main__":
+    # A file system of which something is used: more than 99 % of a tmpfs may be free.
+    os.environ.setdefault("ACUT_TEST_TMP", "/var/tmp")
     e2e.main(doctor_finds_the_socket, doctor_tells_who_may_not, doctor_sees_the_disk, doctor_counts_inodes, doctor_asks_the_control_group,
              doctor_remembers_the_verification, doctor_counts_files, doctor_reads_the_grids, doctor_compares_clocks,
              doctor_knows_of_interrupted_pushes, doctor_names_a_file_that_hangs)

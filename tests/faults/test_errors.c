@@ -1,9 +1,9 @@
 /*
  * Every N-th file call fails, N = 1, 2, ... until there are not so many: once, and for ever, with an error, or a transfer
- * by half; ours, and SQLite's. A service is opened, two files are pushed, a job is done and its mesh is streamed; then files of
- * lines come, and one of them is reverted. What must
- * hold: whoever asked gets an answer, right or a typed error that says something; when the fault is gone the same can be
- * done again, with the right mesh; nothing is left, neither descriptors nor files; a file whose fsync failed is not trusted.
+ * by half; ours, and SQLite's. A service is opened, two files are pushed, a third push is interrupted and discarded, a job is
+ * done and its mesh is streamed; then files of lines come, and one of them is reverted. What must hold: whoever asked gets an
+ * answer, right or a typed error that says something; when the fault is gone the same can be done again, with the right mesh;
+ * nothing is left, neither descriptors nor files; a file whose fsync failed is not trusted.
  *
  * ACUT_FAULT_EVERY: how many calls apart the points are that are tried (3).
  */
@@ -36,6 +36,8 @@ static void lift(void)
 {
 	unsigned long lost = fault_distrusted();
 
+	if (!plan.at)
+		return; /* calls are only counted */
 	reached += fault_failed();
 	must(!lost);
 	fault_plan(NULL);
@@ -104,6 +106,37 @@ static void try_revert(uint64_t generation)
 	}
 }
 
+static void discarded(void *token, const struct err *why, const struct discarded *d)
+{
+	answer(why);
+}
+
+static void interrupt_push(void)
+{
+	static const unsigned seed = 3;
+
+	if (push_some("a", &seed, 1, 1, false, NULL))
+		typed("interrupted push", &got.why);
+	push_end();
+	turn_until(!service_active(h.service));
+}
+
+/* What an interrupted push left goes. */
+static void try_discard(void)
+{
+	for (int tries = 0;; tries++) {
+		ask(dataset_discard(h.service->datasets, "a", &me, false, discarded, NULL));
+		must(got.why.code || !dataset_find(h.service->datasets, "a", &me)->pending);
+		if (!got.why.code)
+			return;
+		typed("discard", &got.why);
+		turn_until(!service_active(h.service));
+		if (tries)
+			lift();
+		must(tries < 4);
+	}
+}
+
 static struct job *try_job(void)
 {
 	for (int tries = 0;; tries++) {
@@ -160,6 +193,8 @@ static void all_of_it(void)
 		must(tries < 4);
 	}
 	try_push();
+	interrupt_push();
+	try_discard();
 	job = try_job();
 	snprintf(digest, sizeof digest, "%s", info_of(job).report->digest);
 	if (!*want)
@@ -194,8 +229,9 @@ static void one_point(unsigned long i)
 	all_of_it();
 	lift();
 	close_service();
-	/* As good as new. */
+	/* As good as new. An interrupted push that could not be ended is pending again. */
 	open_service(SCENE_MEMORY, 2);
+	try_discard();
 	must(!push_some("a", seed, 2, 2, true, known));
 	must(known[0] == PUSH_KNOWN && known[1] == PUSH_KNOWN);
 	push_end();
