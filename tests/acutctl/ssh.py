@@ -77,13 +77,6 @@ def far_end(mark):
     return False
 
 
-def wait_until(cond, text):
-    end = time.monotonic() + e2e.PATIENCE
-    while not cond():
-        expect(time.monotonic() < end, text)
-        time.sleep(0.05)
-
-
 def cut(p, data, mark, d):
     """Sends the data, waits until the remote side has it, and kills the client."""
     try:
@@ -91,13 +84,13 @@ def cut(p, data, mark, d):
         p.stdin.flush()
     except BrokenPipeError:
         raise e2e.Fault("ended before it was cut: %s %s" % (p.wait(), p.stderr.read()))
-    wait_until(lambda: far_end(mark) or p.poll() is not None, "nothing runs on the remote side")
+    e2e.until(lambda: far_end(mark) or p.poll() is not None, "nothing runs on the remote side")
     expect(p.poll() is None, "ended before it was cut: %s" % (p.communicate() if p.poll() is not None else "",))
     time.sleep(0.5)
     p.kill()
     p.stdin.close()
     p.wait()
-    wait_until(lambda: not far_end(mark), "acutctl still runs on the remote side")
+    e2e.until(lambda: not far_end(mark), "acutctl still runs on the remote side")
     # The next command finds that the push has ended.
     e2e.until(lambda: d.ctl("status", "--json").ok().json()["connections"] == 1, "acutd does not notice that it is gone")
 
@@ -183,7 +176,7 @@ def cut_off(base, box, d):
     p.stdout.read(1000)
     p.send_signal(signal.SIGKILL)
     p.wait()
-    wait_until(lambda: not far_end(mark), "fetch still runs on the remote side")
+    e2e.until(lambda: not far_end(mark), "fetch still runs on the remote side")
     d.ctl("fetch", str(job), "--format", "null").ok()
     p = box.start("watch", str(job), "--timeout", "60")
     p.wait(e2e.PATIENCE)

@@ -4,7 +4,7 @@ import os
 import subprocess
 from fractions import Fraction
 
-ORACLE = os.environ.get("CGAL_PIECES")
+ORACLE = os.environ.get("CGAL_DIGEST")
 
 
 def rounded(f):
@@ -121,5 +121,5 @@ class Model:
         rows += ["v %d %d" % p for p in at] + ["p %d %d" % (number[a], number[b]) for a, b in sorted(self.pieces)]
         for word, rings in (("in", self.boundary), ("out", self.holes)):
             rows += [word + " " + " ".join("%d %d" % p for p in r) for r in rings]
-        count, digest = subprocess.run([ORACLE], input="\n".join(rows), stdout=subprocess.PIPE, check=True, text=True).stdout.split()
+        count, digest = subprocess.run([ORACLE, "pieces"], input="\n".join(rows), stdout=subprocess.PIPE, check=True, text=True).stdout.split()
         return [int(count), digest]

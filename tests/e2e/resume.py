@@ -12,7 +12,7 @@ import subprocess
 import time
 
 import e2e
-from e2e import expect
+from e2e import expect, until as wait_for
 from survey import las, says, show, states
 
 try:
@@ -83,13 +83,6 @@ def digests(d, dataset):
 
 def pending(d, dataset):
     return show(d, dataset)["pending"]
-
-
-def wait_for(cond, text):
-    deadline = time.monotonic() + e2e.PATIENCE
-    while not cond():
-        expect(time.monotonic() < deadline, text)
-        time.sleep(0.05)
 
 
 def leftovers(d):

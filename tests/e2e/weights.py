@@ -10,7 +10,7 @@ import subprocess
 import e2e
 from e2e import expect
 
-ORACLE = os.environ.get("CGAL_WEIGHTS")
+ORACLE = os.environ.get("CGAL_DIGEST")
 
 
 def points_file(base, points, name="points.csv"):
@@ -29,7 +29,7 @@ def of_cgal(points, radius):
     if not ORACLE:
         return len(best), None
     rows = "\n".join("%d %d %d" % (*p, r * r) for p, r in sorted(best.items()))
-    vertices, triangles, digest = subprocess.run([ORACLE], input=rows, stdout=subprocess.PIPE, check=True, text=True).stdout.split()
+    vertices, triangles, digest = subprocess.run([ORACLE, "weights"], input=rows, stdout=subprocess.PIPE, check=True, text=True).stdout.split()
     return len(best), [int(vertices), int(triangles), digest]
 
 

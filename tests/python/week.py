@@ -12,7 +12,7 @@ import subprocess
 import time
 
 import e2e
-from e2e import Daemon, Folder, expect
+from e2e import Daemon, Folder, expect, until
 
 EXAMPLES = os.path.join(os.environ["ACUT_SOURCE"], "etc/examples")
 
@@ -21,13 +21,6 @@ def synth(path, points, seed, *options):
     e2e.run([e2e.SYNTH, "--points", points, "--seed", seed, "--origin", "%d,5400000" % (500000 + 20 * seed), *options, path]).ok()
     with open(path, "rb") as f:
         return f.read()
-
-
-def until(what, text):
-    end = time.monotonic() + e2e.PATIENCE
-    while not what():
-        expect(time.monotonic() < end, text)
-        time.sleep(0.002)
 
 
 class Week:

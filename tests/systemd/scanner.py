@@ -48,8 +48,9 @@ class Copy:
         with open(UNIT) as f:
             text = f.read()
         lines = [line for line in text.splitlines() if not line.startswith(("BindsTo=", "After="))]
-        text = "\n".join(lines).replace("--device " + PORT, self.source)
-        expect(self.source in text, "the unit is not as this test takes it to be")
+        # It is not started again before its end was looked at.
+        text = "\n".join(lines).replace("--device " + PORT, self.source).replace("RestartSec=1s", "RestartSec=300s")
+        expect(self.source in text and "RestartSec=300s" in text, "the unit is not as this test takes it to be")
         with open("/run/systemd/system/" + self.unit, "w") as f:
             f.write(text + "\n")
         systemctl("daemon-reload").ok()
