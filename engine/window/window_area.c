@@ -198,8 +198,7 @@ static void pick_triangles(struct finish *f, const struct window_piece *w)
 		const struct tri_triangle *t = &f->tri.triangle[i];
 		const uint32_t c[3] = {t->corner[0], t->corner[1], t->corner[2]};
 		bool ghost = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
-		bool take = !ghost && window_piece_meets(w, xy[c[0]], xy[c[1]], xy[c[2]]) &&
-			    window_piece_sends(w, xy[c[0]], xy[c[1]], xy[c[2]]);
+		bool take = !ghost && window_piece_sends(w, xy[c[0]], xy[c[1]], xy[c[2]]);
 
 		for (unsigned k = 0; k < 3; k++)
 			if (c[k] != TRI_GHOST)

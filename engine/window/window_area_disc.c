@@ -36,7 +36,7 @@ static void set_zone(struct window_area *a)
 {
 	const int64_t *b = a->window.box;
 	int64_t size = larger(b[2] - b[0], b[3] - b[1]) / 16 + 64;
-	int64_t squares = smaller(a->limits.squares + tri_count(a->tri) / 8, WINDOW_RASTER); /* on each axis */
+	int64_t squares = smaller(a->limits.squares + a->base / 8, WINDOW_RASTER); /* on each axis */
 
 	a->shift = 0;
 	for (unsigned k = 0; k < 2; k++) {

@@ -65,7 +65,7 @@ static bool cover_meets(const struct window_piece *w, const struct cut_region *r
 
 	if (!clip_region(w, r, box) || !shape_meets(s, box))
 		return false;
-	if (view_window_is_box(w->view))
+	if (w->is_box)
 		return true;
 	if (!may_meet(w, r))
 		return false;
@@ -100,6 +100,7 @@ bool window_piece_init(struct window_piece *w, const struct view *view, const in
 
 	memset(w, 0, sizeof(*w));
 	w->view = view;
+	w->is_box = view_window_is_box(view);
 	w->region = *region;
 	view_window_bounds(view, w->clip);
 	for (unsigned k = 0; k < 2; k++) {
@@ -166,20 +167,25 @@ bool window_piece_holds_box(const struct window_piece *w, const int32_t box[4])
 
 	if (twice[0] < w->box[0] || twice[1] < w->box[1] || twice[2] > w->box[2] || twice[3] > w->box[3])
 		return false;
-	return view_window_is_box(w->view) || cover_holds(w, &w->region, &s);
+	return w->is_box || cover_holds(w, &w->region, &s);
 }
 
-static void triangle_shape(struct shape *s, int64_t corner[3][2], const int32_t a[2], const int32_t b[2], const int32_t c[2])
+static void set_bounds(struct shape *s, const int32_t a[2], const int32_t b[2], const int32_t c[2])
 {
 	for (unsigned k = 0; k < 2; k++) {
-		int64_t p = 2 * (int64_t)a[k], q = 2 * (int64_t)b[k], r = 2 * (int64_t)c[k];
-		int64_t low = p < q ? p : q, high = p < q ? q : p;
+		int32_t low = a[k] < b[k] ? a[k] : b[k], high = a[k] < b[k] ? b[k] : a[k];
 
-		corner[0][k] = p;
-		corner[1][k] = q;
-		corner[2][k] = r;
-		s->bounds[k] = low < r ? low : r;
-		s->bounds[2 + k] = high > r ? high : r;
+		s->bounds[k] = 2 * (int64_t)(low < c[k] ? low : c[k]);
+		s->bounds[2 + k] = 2 * (int64_t)(high > c[k] ? high : c[k]);
+	}
+}
+
+static void set_corners(struct shape *s, int64_t corner[3][2], const int32_t a[2], const int32_t b[2], const int32_t c[2])
+{
+	for (unsigned k = 0; k < 2; k++) {
+		corner[0][k] = 2 * (int64_t)a[k];
+		corner[1][k] = 2 * (int64_t)b[k];
+		corner[2][k] = 2 * (int64_t)c[k];
 	}
 	s->box = NULL;
 	s->corner = (const int64_t(*)[2])corner;
@@ -193,7 +199,7 @@ static bool holds_corner(const struct window_piece *w, const int32_t at[2])
 
 	if (x < w->box[0] || y < w->box[1] || x > w->box[2] || y > w->box[3])
 		return false;
-	return view_window_is_box(w->view) || may_meet(w, &here);
+	return w->is_box || may_meet(w, &here);
 }
 
 bool window_piece_meets(const struct window_piece *w, const int32_t a[2], const int32_t b[2], const int32_t c[2])
@@ -203,8 +209,11 @@ bool window_piece_meets(const struct window_piece *w, const int32_t a[2], const 
 
 	if (holds_corner(w, a))
 		return true;
-	triangle_shape(&s, corner, a, b, c);
-	return boxes_meet(s.bounds, w->box) && cover_meets(w, &w->region, &s);
+	set_bounds(&s, a, b, c);
+	if (!boxes_meet(s.bounds, w->box))
+		return false;
+	set_corners(&s, corner, a, b, c);
+	return cover_meets(w, &w->region, &s);
 }
 
 static bool box_inside(const int64_t inner[4], const int64_t outer[4])
@@ -217,11 +226,14 @@ bool window_piece_sends(const struct window_piece *w, const int32_t a[2], const 
 	int64_t corner[3][2];
 	struct shape s;
 
-	triangle_shape(&s, corner, a, b, c);
+	set_bounds(&s, a, b, c);
+	if (!boxes_meet(s.bounds, w->box))
+		return false;
 	/* It meets no other region. */
-	if (box_inside(s.bounds, w->box) && view_window_is_box(w->view))
+	if (w->is_box && box_inside(s.bounds, w->box))
 		return true;
-	if (!view_window_meets(w->view, a, b, c))
+	set_corners(&s, corner, a, b, c);
+	if (!cover_meets(w, &w->region, &s) || !view_window_meets(w->view, a, b, c))
 		return false;
 	for (unsigned i = 0; i < w->nbefore; i++)
 		if (cover_meets(w, &w->before[i], &s))

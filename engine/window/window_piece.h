@@ -16,6 +16,7 @@
 struct window_piece {
 	const struct view *view;
 	struct cut_region region;
+	bool is_box;                  /* the window is its own cover */
 	int64_t clip[4];              /* doubled: the window's bounds within the box of the data */
 	int64_t box[4];               /* doubled: clip within the region; empty if box[0] > box[2] or box[1] > box[3] */
 	unsigned grain;               /* the squares that cover a polygon have side 2^grain */
@@ -40,7 +41,7 @@ bool window_piece_meets_box(const struct window_piece *, const int32_t box[4]);
 /* All lattice positions of the box are in the piece. False if that is not certain. */
 bool window_piece_holds_box(const struct window_piece *, const int32_t box[4]);
 bool window_piece_meets(const struct window_piece *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
-/* A triangle that meets the piece belongs to it: it meets the window, and no earlier piece. */
+/* The triangle is sent with the piece: it meets the piece and the window, and no earlier piece. */
 bool window_piece_sends(const struct window_piece *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 
 #endif

@@ -13,7 +13,7 @@
 
 #include "window_area.h"
 
-enum { STACK = 72, WASTE = 4 };
+enum { STACK = 72, WASTE = 4, EMPTY = 2 };
 /* Positions of a piece that is worth a thread of its own; with so many, what is read around it no longer counts. */
 enum { SHARE_LEAST = 1 << 14, SHARE_WIDE = 1 << 17 };
 
@@ -67,6 +67,29 @@ static int leaf_of(const struct cut_source *src, const struct view *view, const 
 	return window_positions(src, &window, &ret->count, err);
 }
 
+/* *ret: the next halvings leave a half without positions. Such a half reads about as much as one with many, and two clusters far
+ * from each other would have dozens of them before one is divided. So a piece that fits is not halved then. */
+static int is_lopsided(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct cut_leaf *leaf,
+		       bool *ret, struct err *err)
+{
+	struct cut_leaf at = *leaf, part[2];
+	struct cut_region half[2];
+	bool any;
+
+	*ret = true;
+	for (unsigned i = 0; i < EMPTY && *ret && cut_region_split(&at.region, half); i++) {
+		for (unsigned k = 0; k < 2; k++) {
+			int r = leaf_of(src, view, data, &half[k], &part[k], &any, err);
+
+			if (r)
+				return r;
+		}
+		*ret = !part[0].count || !part[1].count;
+		at = part[!part[0].count];
+	}
+	return 0;
+}
+
 /* Pushes the halves that have a piece onto the stack; the lower one on top. */
 static int halve(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct part *whole,
 		 const struct cut_region half[2], struct part *stack, unsigned *n, struct err *err)
@@ -102,14 +125,11 @@ static uint64_t larger(uint64_t a, uint64_t b)
 }
 
 /*
- * The most positions of a piece, for which a quarter of the arena is left for the points read around it. Halves differ in size,
- * and to halve the larger one costs more than it gains if the window is small: what is read twice is a greater part. A large
- * window has several pieces a thread.
+ * The most positions of a piece. Halves differ in size, and to halve the larger one costs more than it gains if the window is
+ * small: what is read twice is a greater part. A large window has several pieces a thread.
  */
-static uint64_t piece_most(uint64_t all, uint32_t cap, unsigned pieces)
+static uint64_t piece_most(uint64_t all, uint64_t fits, unsigned pieces)
 {
-	uint64_t fits = cap - cap / 4;
-
 	if (pieces < 2)
 		return fits;
 	all = smaller(2 * all / (pieces + 1), larger(all / (4 * pieces), SHARE_WIDE));
@@ -119,6 +139,7 @@ static uint64_t piece_most(uint64_t all, uint32_t cap, unsigned pieces)
 int window_plan_from(const struct cut_source *src, const struct view *view, uint32_t cap, unsigned pieces, struct cut_plan *ret,
 		     struct err *err)
 {
+	const uint64_t fits = cap - cap / 4; /* the rest is for the points read around a piece */
 	const struct cut_region plane = window_piece_plane();
 	struct cut_plan plan = {.ledger = src->ledger};
 	struct part stack[STACK];
@@ -133,15 +154,18 @@ int window_plan_from(const struct cut_source *src, const struct view *view, uint
 	if (src->box(src->ctx, data))
 		r = leaf_of(src, view, data, &plane, &stack[0].leaf, &any, err);
 	n = any;
-	most = piece_most(stack[0].leaf.count, cap, pieces);
+	most = piece_most(stack[0].leaf.count, fits, pieces);
 	while (n > 0 && !r) {
 		struct part part = stack[--n];
+		bool whole = part.leaf.count <= most || part.waste >= WASTE;
 
-		if (part.leaf.count > most && part.waste < WASTE && cut_region_split(&part.leaf.region, half)) {
+		if (!whole && part.leaf.count <= fits)
+			r = is_lopsided(src, view, data, &part.leaf, &whole, err);
+		if (!r && !whole && cut_region_split(&part.leaf.region, half)) {
 			r = halve(src, view, data, &part, half, stack, &n, err);
 			continue;
 		}
-		r = cut_plan_room(&plan, plan.n + 1, err);
+		r = r ? r : cut_plan_room(&plan, plan.n + 1, err);
 		if (!r)
 			plan.leaf[plan.n++] = part.leaf;
 	}

@@ -617,15 +617,11 @@ static void widening_matters(void **state)
 	assert_true(wrong > 20);
 }
 
-/* A window in a few positions, close together or not, with an inner box so small that the points just outside decide. */
-static bool close_case(uint64_t seed)
+/* The window `view` in the positions of set.record[0]. */
+static bool is_right(uint64_t *seed, struct window_limits limits)
 {
-	const unsigned range = sets_below(&seed, 2) ? 3 + sets_below(&seed, 4) : 40 + sets_below(&seed, 200);
-	const struct window_limits limits = {.inner = 1 + sets_below(&seed, 8),
-					     .spacings = 0.01 + sets_below(&seed, 100) / (sets_below(&seed, 8) ? 100.0 : 10.0),
-					     .squares = sets_below(&seed, 2) ? WINDOW_RASTER : 0};
 	const struct cut_region plane = window_piece_plane();
-	struct window_from from = {.src = NULL, .view = &view, .region = &plane, .limits = limits, .cap = 256, .memory = memory};
+	struct window_from from = {.view = &view, .region = &plane, .limits = limits, .cap = 256, .memory = memory};
 	struct err err = ERR_INIT;
 	struct cut_source src;
 	struct mesh_domain d;
@@ -633,24 +629,13 @@ static bool close_case(uint64_t seed)
 	unsigned m, n = 0;
 	uint64_t need;
 
-	view = VIEW_INIT;
-	memset(&set, 0, sizeof(set));
 	set.segments = 1;
-	set.nrecord[0] = 6 + sets_below(&seed, 25);
-	for (size_t i = 0; i < set.nrecord[0]; i++)
-		set.record[0][i] = (struct point){
-			.x = (int32_t)sets_below(&seed, range), .y = (int32_t)sets_below(&seed, range), .ret = 0x11};
 	qsort(set.record[0], set.nrecord[0], sizeof(set.record[0][0]), by_place);
 	sets_reduce(&set, &view);
-	sets_tiling(&seed, &set, &t);
+	sets_tiling(seed, &set, &t);
 	tiling_source(&t, &src);
 	from.src = &src;
 	from.room = tri_bytes(from.cap);
-	view.window = VIEW_CROP_BOX;
-	for (unsigned k = 0; k < 2; k++) {
-		view.window_box[k] = sets_below(&seed, range);
-		view.window_box[2 + k] = view.window_box[k] + sets_below(&seed, sets_below(&seed, 2) ? range : range / 4 + 1);
-	}
 	m = brute_triangles(set.pos, set.n, whole);
 	for (unsigned i = 0; i < m; i++) {
 		normalize(whole[i]);
@@ -665,11 +650,62 @@ static bool close_case(uint64_t seed)
 	return ngot == n && (!n || !memcmp(got, want, n * sizeof(want[0])));
 }
 
+/* A window in a few positions, close together or not, with an inner box so small that the points just outside decide. */
+static bool close_case(uint64_t seed)
+{
+	const unsigned range = sets_below(&seed, 2) ? 3 + sets_below(&seed, 4) : 40 + sets_below(&seed, 200);
+	const struct window_limits limits = {.inner = 1 + sets_below(&seed, 8),
+					     .spacings = 0.01 + sets_below(&seed, 100) / (sets_below(&seed, 8) ? 100.0 : 10.0),
+					     .squares = sets_below(&seed, 2) ? WINDOW_RASTER : 0};
+
+	view = VIEW_INIT;
+	memset(&set, 0, sizeof(set));
+	set.nrecord[0] = 6 + sets_below(&seed, 25);
+	for (size_t i = 0; i < set.nrecord[0]; i++)
+		set.record[0][i] = (struct point){
+			.x = (int32_t)sets_below(&seed, range), .y = (int32_t)sets_below(&seed, range), .ret = 0x11};
+	view.window = VIEW_CROP_BOX;
+	for (unsigned k = 0; k < 2; k++) {
+		view.window_box[k] = sets_below(&seed, range);
+		view.window_box[2 + k] = view.window_box[k] + sets_below(&seed, sets_below(&seed, 2) ? range : range / 4 + 1);
+	}
+	return is_right(&seed, limits);
+}
+
+/* Positions around an empty disc of radius 1000, and a window with the disc but for a twentieth to the right. There are positions
+ * in that part, too: the disc of a triangle that they destroy is nearly in the inner box. */
+static bool disc_case(uint64_t seed)
+{
+	const struct window_limits limits = {.inner = 1 << 10, .spacings = 0.001, .squares = WINDOW_RASTER};
+	const int64_t border = 900 + sets_below(&seed, 90), box[4] = {-1050, -1050, border, 1050};
+
+	view = VIEW_INIT;
+	memset(&set, 0, sizeof(set));
+	while (set.nrecord[0] < 30) {
+		const int32_t x = (int32_t)sets_below(&seed, 2400) - 1200, y = (int32_t)sets_below(&seed, 2400) - 1200;
+		const int32_t far = x * x + y * y;
+
+		if (far > 1000 * 1000 ? far < 1050 * 1050 || x > border : x > border && set.nrecord[0] < 2)
+			set.record[0][set.nrecord[0]++] = (struct point){.x = x, .y = y, .ret = 0x11};
+	}
+	view.window = VIEW_CROP_BOX;
+	memcpy(view.window_box, box, sizeof(box));
+	return is_right(&seed, limits);
+}
+
 static void close_points(void **state)
 {
 	(void)state;
 	for (uint64_t i = 1; i <= 20000; i++)
 		if (!close_case(i * UINT64_C(0x2545f4914f6cdd1d)))
+			fail_msg("case %llu: not what meets the window", (unsigned long long)i);
+}
+
+static void beside_disc(void **state)
+{
+	(void)state;
+	for (uint64_t i = 1; i <= 2000; i++)
+		if (!disc_case(i * UINT64_C(0x2545f4914f6cdd1d)))
 			fail_msg("case %llu: not what meets the window", (unsigned long long)i);
 }
 
@@ -730,7 +766,7 @@ static int tear_down(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(close_points), cmocka_unit_test(fuzz),
+	const struct CMUnitTest tests[] = {cmocka_unit_test(close_points), cmocka_unit_test(beside_disc), cmocka_unit_test(fuzz),
 					   cmocka_unit_test(widening_matters), cmocka_unit_test(too_many_matter)};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);
