@@ -8,7 +8,6 @@ import re
 import shutil
 import signal
 import struct
-import time
 
 import e2e
 from e2e import expect
