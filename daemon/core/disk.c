@@ -87,12 +87,8 @@ static void query_done(struct sched_task *t)
 	assert(d->querying);
 	core_background_done(core);
 	d->querying = false;
-	if (t->ran && !core->stopping && d->measured && !d->work) {
-		bool measure = space_is_inexact(core->space);
-
-		if (measure || space_is_exceeded(core->space))
-			submit_cache_work(core, measure);
-	}
+	if (t->ran && !core->stopping && d->measured && !d->work && space_is_exceeded(core->space))
+		submit_cache_work(core, false);
 }
 
 static void submit_query(struct core *core)
@@ -181,15 +177,19 @@ void disk_restore_folders(struct core *core)
 void disk_tick(struct core *core, bool active)
 {
 	struct disk *d = &core->priv->disk;
+	bool due;
 
 	THREAD_LOOP_ONLY();
 	disk_restore_folders(core);
-	if (clock_since(d->queried_ns) >= (active || sched_busy(core->p.sched) ? QUERY_SECONDS : QUERY_SECONDS_IDLE))
+	active |= sched_busy(core->p.sched) > 0;
+	due = clock_since(d->queried_ns) >= (active ? QUERY_SECONDS : QUERY_SECONDS_IDLE);
+	/* Measuring reads all names in the cache. What a pass counted twice among other work waits for an idle moment. */
+	if (!core->stopping && !d->work && (!d->measured || (due && !active && space_is_inexact(core->space)))) {
+		d->measured = true;
+		submit_cache_work(core, true);
+	}
+	if (due)
 		submit_query(core);
-	if (core->stopping || d->work || d->measured)
-		return;
-	d->measured = true;
-	submit_cache_work(core, true);
 }
 
 void disk_stop(struct core *core)
