@@ -202,7 +202,7 @@ def mesh(base):
 def convex(base):
     """Corners of a convex polygon, of which all stay open: one task of gather says how much memory it would need."""
     os.mkdir(base + "/in")
-    n = e2e.polygon(base + "/in/polygon.xyz", 170)
+    n = e2e.polygon(base + "/in/polygon.xyz", 250)
     wanted = Daemon(base).mesh(base + "/in", "--format", "null")
     check("convex", int(wanted["triangles"]) == n - 2 and int(wanted["hull"]) == n, str(wanted))
     def mesh(points, memory, status=0):
