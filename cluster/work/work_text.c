@@ -129,7 +129,7 @@ static int check_kind(struct work_in *in, const char *name, const char *kind, st
 		return work_corrupt(name, "it is of another kind", err);
 	if (strcmp(rest, VERSION) == 0 || strcmp(rest, "1") == 0)
 		return 0;
-	err_set(err, ERR_VERSION, "it has version %.20s, this version of acut reads " VERSION, rest);
+	err_set(err, ERR_VERSION, "it has version %.20s, this version of acut reads up to " VERSION, rest);
 	return err_add_file(err, name);
 }
 

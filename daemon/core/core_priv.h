@@ -35,7 +35,8 @@ struct core_private {
 		struct sched_task *work; /* measures or evicts; NULL: there is none */
 		bool querying;           /* a task queries the file systems */
 		struct disk_query query;
-		uint64_t queried_ns; /* when it was last submitted */
+		uint64_t queried_ns;   /* when it was last submitted */
+		uint64_t remeasure_ns; /* from then on an inexact cache may be measured again */
 	} disk;
 	/* limit.c */
 	struct limits {

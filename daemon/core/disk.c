@@ -2,9 +2,11 @@
  * The file systems, and the folders of the cache.
  *
  * The model: a worker queries the free space of the file systems every two seconds, or every ten while the daemon is idle. The
- * loop never queries them, since a file system may not answer. One task measures the cache after the start; a task evicts
- * whenever quota or keep-free are exceeded, also if other programs have filled the disk. If somebody removes a folder of the
- * cache, it is made again under the descriptor that is in use. Its files are derived data, and made again when they are needed.
+ * loop never queries them, since a file system may not answer. One task measures the cache after the start, and again if the
+ * result is inexact, when nothing is being written; the time between two passes is at least 10 s, and 20 times as long as one
+ * takes. A task evicts whenever quota or keep-free are exceeded, also if other programs have filled the disk. If somebody removes
+ * a folder of the cache, it is made again under the descriptor that is in use. Its files are derived data, and made again when
+ * they are needed.
  */
 #include <assert.h>
 #include <errno.h>
@@ -23,21 +25,26 @@
 #define FRESH_SECONDS 1.0            /* younger figures are reported without a query */
 #define ANSWER_NS UINT64_C(20000000) /* that the loop waits for a worker's answer */
 
+#define REMEASURE_NS UINT64_C(10000000000) /* between two passes over the cache, at least */
+#define REMEASURE_TIMES 20                 /* the duration of the first, which reads all names in the cache; at least, too */
+
 /* ---- measuring and evicting, by a task ---- */
 
 struct cache_work {
 	struct sched_task task;
 	struct core *core;
 	bool measure;
+	uint64_t took_ns;
 };
 
 static void cache_work_run(struct sched_task *t)
 {
 	struct cache_work *x = (struct cache_work *)t;
 	struct err err = ERR_INIT;
-	uint64_t bytes, entries;
+	uint64_t bytes, entries, begun_ns = clock_mono_ns();
 	int r = x->measure ? space_measure(x->core->space, &t->cancel, &err) : 0;
 
+	x->took_ns = clock_mono_ns() - begun_ns;
 	if (!r)
 		space_query(x->core->space);
 	if (!r && space_is_exceeded(x->core->space))
@@ -49,9 +56,13 @@ static void cache_work_run(struct sched_task *t)
 static void cache_work_done(struct sched_task *t)
 {
 	struct cache_work *x = (struct cache_work *)t;
+	struct disk *d = &x->core->priv->disk;
+	uint64_t pause_ns = REMEASURE_TIMES * x->took_ns;
 
 	core_background_done(x->core);
-	x->core->priv->disk.work = NULL;
+	d->work = NULL;
+	if (x->measure)
+		d->remeasure_ns = clock_mono_ns() + (pause_ns > REMEASURE_NS ? pause_ns : REMEASURE_NS);
 	free(x);
 }
 
@@ -177,18 +188,16 @@ void disk_restore_folders(struct core *core)
 void disk_tick(struct core *core, bool active)
 {
 	struct disk *d = &core->priv->disk;
-	bool due;
 
 	THREAD_LOOP_ONLY();
 	disk_restore_folders(core);
 	active |= sched_busy(core->p.sched) > 0;
-	due = clock_since(d->queried_ns) >= (active ? QUERY_SECONDS : QUERY_SECONDS_IDLE);
-	/* Measuring reads all names in the cache. What a pass counted twice among other work waits for an idle moment. */
-	if (!core->stopping && !d->work && (!d->measured || (due && !active && space_is_inexact(core->space)))) {
+	if (!core->stopping && !d->work &&
+	    (!d->measured || (clock_mono_ns() >= d->remeasure_ns && space_is_inexact(core->space)))) {
 		d->measured = true;
 		submit_cache_work(core, true);
 	}
-	if (due)
+	if (clock_since(d->queried_ns) >= (active ? QUERY_SECONDS : QUERY_SECONDS_IDLE))
 		submit_query(core);
 }
 

@@ -332,7 +332,8 @@ struct discarded {
 typedef void discard_answer_fn(void *token, const struct err *why, const struct discarded *);
 /* Removes the pending pushes of the peer into the dataset of that name and into removed ones that had it; with `all` those of all
  * users, where the peer has RIGHT_OWN. Answers when their files are removed for good, whatever happens to the daemon; the dataset
- * may be gone by then. -ERR_NOTFOUND, -ERR_PERM: nothing is pending, and the peer may not know that. With another error some of
+ * may be gone by then. -ERR_NOTFOUND: nothing is pending, and there is no dataset of that name. -ERR_PERM: likewise, and the peer
+ * may not read the dataset; with `all`, the peer has no RIGHT_OWN in it, and nothing was removed. With another error some of
  * them, which cannot be removed, are pending as before: -ERR_IO, -ERR_NOMEM, -ERR_CANCELLED. */
 void dataset_discard(struct datasets *, const char *name, const struct peer *, bool all, discard_answer_fn *answer, void *token);
 /* A user may have so many in a dataset. */

@@ -280,7 +280,9 @@ void dataset_discard(struct datasets *ds, const char *name, const struct peer *p
 		return;
 	}
 	*of = (struct discards){.left = 1, .datasets = ds, .why = ERR_INIT, .answer = answer, .token = token};
-	for (struct dataset *d = ds->first; d; d = d->next)
+	if (all && there)
+		dataset_rights(there, peer, RIGHT_OWN, &of->why);
+	for (struct dataset *d = ds->first; d && !of->why.code; d = d->next)
 		if ((d == there || (d->removed_us && !strcmp(d->name, name))) &&
 		    (!all || rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode)))
 			discard_of(d, peer, all, of);

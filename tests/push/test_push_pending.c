@@ -609,7 +609,8 @@ static void on_removed(void *token, const struct err *why, struct dataset *d)
 	removals++;
 }
 
-/* The user of a pending push in a removed dataset reaches it by the name, also if another dataset has that now. */
+/* The user of a pending push in a removed dataset reaches it by the name, also if another dataset has that now, of the same owner
+ * or of another one. */
 static void test_discard_removed(void **state)
 {
 	const struct dataset_action_params remove = {.action = DATASET_REMOVE, .name = "a", .as = "", .peer = me};
@@ -617,7 +618,7 @@ static void test_discard_removed(void **state)
 	int answered;
 	uint64_t bytes;
 
-	for (unsigned way = 0; way < 2; way++) {
+	for (unsigned way = 0; way < 3; way++) {
 		if (way)
 			push_all("5");
 		interrupt("2");
@@ -637,17 +638,28 @@ static void test_discard_removed(void **state)
 			turn_until(answered);
 			assert_int_equal(answered, -ERR_NOTFOUND);
 		}
-		if (way)
+		if (way == 1)
 			push_all("3");
+		if (way == 2) {
+			begin_of(&bert);
+			stage("3", '9');
+			commit();
+			answered = 0;
+			dataset_discard(h.service->datasets, "a", &me, true, on_discarded, &answered);
+			turn_until(answered);
+			assert_int_equal(answered, -ERR_PERM);
+			assert_int_equal(discarded.pushes, 0);
+			assert_int_equal(counted(), bytes);
+		}
 		discard(&bert, false, 1, 2);
 		assert_true(counted() > 0 && counted() < bytes);
-		discard(&me, true, 1, 1);
+		discard(&me, way < 2, 1, 1);
 		assert_int_equal(counted(), 0);
 		/* Without a generation it goes, too. */
 		turn_until(!service_active(h.service));
-		assert_int_equal(datasets_first(h.service->datasets) != NULL, way);
+		assert_int_equal(datasets_first(h.service->datasets) != NULL, way > 0);
 		restart();
-		assert_int_equal(datasets_first(h.service->datasets) != NULL, way);
+		assert_int_equal(datasets_first(h.service->datasets) != NULL, way > 0);
 		teardown(state);
 		setup(state);
 	}

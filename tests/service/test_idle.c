@@ -1,7 +1,9 @@
-/* A service without work: what it asks of the file systems from time to time does not keep it busy, however long they take. */
+/* A service without work: what it asks of the file systems from time to time does not keep it busy, however long they take. An
+ * inexact account of the cache is corrected, also while somebody asks for it. */
 #include "core_priv.h"
 #include "fixture.h"
 
+#include <errno.h>
 #include <stdatomic.h>
 #include <sys/statvfs.h>
 
@@ -53,10 +55,64 @@ static void asking_is_no_work(void **state)
 	turn_until(!service_active(h.service));
 }
 
+/* Slow, and then it fails. */
+static int no_domains(int dirfd, const char *path, int flags, mode_t mode)
+{
+	if (!strcmp(path, "domains")) {
+		usleep(600000);
+		errno = EIO;
+		return -1;
+	}
+	return io_system.openat(dirfd, path, flags, mode);
+}
+
+static void poll_cache(void)
+{
+	struct cache_stat stat;
+
+	cache_stat(h.service->maintenance, &stat);
+	turn(0);
+}
+
+/* A pass over the cache that met a writer is repeated, however often the numbers are asked for, and not at once. */
+static void inexact_is_measured_again(void **state)
+{
+	struct disk *d = &h.service->core->priv->disk;
+	struct space *s = h.service->core->space;
+	struct err err = ERR_INIT;
+	uint64_t before;
+
+	turn_until(d->measured && !d->work);
+	assert_int_equal(space_take(s, SPACE_DOMAINS, 1000, SPACE_MAY, "a domain", &err), 0);
+	assert_int_equal(space_measure(s, NULL, &err), 0);
+	d->remeasure_ns = 0;
+	poll_cache();
+	assert_null(d->work); /* it is still written */
+	space_commit(s, SPACE_DOMAINS, 1000, 0);
+	d->remeasure_ns = UINT64_MAX;
+	poll_cache();
+	assert_true(space_is_inexact(s) && !d->work);
+	/* One that fails is not repeated at once, either. */
+	slow_io.openat = no_domains;
+	d->remeasure_ns = before = clock_mono_ns();
+	poll_cache();
+	turn_until(!d->work);
+	assert_true(space_is_inexact(s));
+	assert_true(d->remeasure_ns >= before + UINT64_C(12000000000));
+	slow_io.openat = io_system.openat;
+	d->remeasure_ns = before = clock_mono_ns();
+	cache_stat(h.service->maintenance, &(struct cache_stat){0});
+	assert_non_null(d->work);
+	turn_until(!d->work);
+	assert_false(space_is_inexact(s));
+	assert_true(d->remeasure_ns >= before + UINT64_C(10000000000));
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(asking_is_no_work, setup_slow, teardown_slow),
+		cmocka_unit_test_setup_teardown(inexact_is_measured_again, setup_slow, teardown_slow),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
