@@ -123,7 +123,6 @@ static int feed_gone(void *ctx, const struct acut_mesh_region *region)
 static int feed_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct feed *f = ctx;
-
 	int r = f->part ? ctl_window_tail(&f->window, tail, &f->err) : 0;
 
 	return r ? r : f->sink.tail(f->sink.ctx, tail);
@@ -140,7 +139,7 @@ static void feed_progress(void *ctx, const struct acut_progress *now)
 static bool can_go_on(const struct feed *f, const struct err *err)
 {
 	return outputs_saved(f->run) && err->code != ERR_GONE && err->code != ERR_DIGEST && err->code != ERR_PROTO &&
-	       err->code != ERR_CORRUPT;
+	       err->code != ERR_CORRUPT && err->code != ERR_VERSION;
 }
 
 /* A failed fetch keeps the blocks that came, and prints how to go on. */
@@ -158,6 +157,8 @@ static int feed_failed(struct feed *f, uint64_t id)
 		err = f->err;
 	else if (can_go_on(f, &err))
 		feed_save(f);
+	if (err.code == ERR_NOMEM && !f->part)
+		err_add_hint(&err, "fetch the mesh by windows (acutctl fetch %llu --bbox)", (unsigned long long)id);
 	if (can_go_on(f, &err) && !err.hint[0] && session->console.json)
 		err_add_hint(&err, way, (unsigned long long)id);
 	status = session_error(session, &err);

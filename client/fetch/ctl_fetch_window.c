@@ -3,7 +3,7 @@
  * mesh, or not there yet. Times and coordinate system are the job's.
  */
 #include <math.h>
-#include <stdlib.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "ctl_fetch.h"
@@ -52,8 +52,7 @@ static int take_member(struct json_reader *j, const char *key, struct ctl_window
 	if (strcmp(key, "seconds"))
 		return json_reader_skip(j);
 	r = json_reader_token(j, token);
-	p->seconds = r ? 0 : strtod(token, NULL);
-	return r;
+	return r || parse_double(token, &p->seconds) ? r : json_reader_bad(j, "seconds is no number");
 }
 
 int ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail, struct err *err)
@@ -90,5 +89,10 @@ int ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail, str
 		if (!r)
 			r = take_member(&json, key, w);
 	}
-	return r ? err_set(err, ERR_PROTO, "the report of the window cannot be read: %s", why.message) : 0;
+	if (!r && json_reader_peek(&json) >= 0)
+		r = json_reader_bad(&json, "there is more after its end");
+	if (!r)
+		return 0;
+	err_set(err, ERR_PROTO, "the report of the window cannot be read: %s", why.message);
+	return err_add_place(err, ERR_NO_OFFSET, why.field);
 }

@@ -16,13 +16,13 @@ static double metres_of(const char *unit)
 	return format_unit_ratio(unit, "metre", &num, &den) ? (double)num / (double)den : 0;
 }
 
-double format_dem_steep(const struct acut_mesh_head *head)
+double format_dem_steep(const struct acut_mesh_head *head, double height)
 {
 	double xy = metres_of(head->unit_xy), z = metres_of(head->unit_z);
 
 	if (xy > 1000 && z <= 0)
-		return 1 / xy;
-	return xy > 0 && z > 0 ? z / xy : 1;
+		return height / xy;
+	return xy > 0 && z > 0 ? height * (z / xy) : height;
 }
 
 int format_dem_block(struct dem *dem, const struct format_block *block, struct err *err)
@@ -50,7 +50,7 @@ int format_dem_options(const struct format_options *opt, const struct acut_mesh_
 		.cell_den = 1,
 		.z_num = 1,
 		.z_den = 1,
-		.steep = format_dem_steep(head),
+		.steep = format_dem_steep(head, 1),
 		.unit_xy = head->unit_xy,
 		.unit_z = head->unit_z,
 		.cache = opt->rasters > 1 ? (opt->rasters < DEM_CACHE / 2 ? DEM_CACHE / opt->rasters : 2) : 0,

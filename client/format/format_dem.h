@@ -10,7 +10,7 @@ int format_dem_options(const struct format_options *, const struct acut_mesh_hea
 		       struct err *err);
 
 int format_dem_block(struct dem *, const struct format_block *, struct err *err);
-/* A unit of z in units of x and y, for slopes; unknown units count as equal, but beside degrees heights as metres. */
-double format_dem_steep(const struct acut_mesh_head *);
+/* A height in units of x and y, for slopes; unknown units count as equal, but beside degrees heights as metres. */
+double format_dem_steep(const struct acut_mesh_head *, double height);
 
 #endif

@@ -68,7 +68,7 @@ void format_paint_init(struct format_paint *p, const struct format_raster *r, co
 	decimal_parse(head->scale_xy, &xy);
 	decimal_parse(head->scale_z, &z);
 	p->cell = r->factor > 0 ? FORMAT_SUBPIXEL / r->factor * decimal_double(xy) : 1;
-	p->height = decimal_double(z) * format_dem_steep(head);
+	p->height = format_dem_steep(head, decimal_double(z));
 	if (color == FORMAT_ELEVATION)
 		paint_range(p);
 }

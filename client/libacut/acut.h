@@ -623,7 +623,9 @@ struct acut_mesh_block {
 	 */
 	const uint8_t *flags;
 	uint32_t nforeign, nnew, ntriangle;
-	const int32_t (*local)[3]; /* positions of all of these: of the foreign ones, then `vertex` */
+	/* Positions of all of these: of the foreign ones, then `vertex`. Valid as long as the other arrays: during the callback,
+	 * of a fetch by steps until the next call. May be NULL if the block has no vertices. */
+	const int32_t (*local)[3];
 	/* Of a view with `hidden`: the record of each new vertex; else NULL. */
 	const struct acut_mesh_origin *origin;
 };
@@ -682,7 +684,8 @@ int acut_fetch_changes(struct acut *, uint64_t job, uint64_t since, const struct
  * free(). */
 int acut_fetch_state(struct acut *, void **ret, size_t *ret_size);
 /* Continues from a state: `head` comes again, then the first block after those of the state; `tail` is of the whole mesh,
- * digests included. "stream-gone": the job's mesh does not come in these blocks any more; fetch it from the start. */
+ * digests included. "stream-gone": the job's mesh does not come in these blocks any more; "corrupt": the state is damaged;
+ * "version": it is of another version of this library. After each of these, fetch it from the start. */
 int acut_fetch_from(struct acut *, const void *state, size_t size, const struct acut_mesh_sink *);
 
 /*

@@ -84,11 +84,9 @@ static int grow(struct check *c, struct err *err)
 	uint64_t n = (uint64_t)1 << c->bits;
 	struct slot *slot = calloc(2 * n, sizeof *slot);
 
-	if (!slot) {
-		err_set(err, ERR_NOMEM, "there is no memory for more than %llu open vertices", (unsigned long long)c->open);
-		return err_add_hint(err,
-				    "fetch the mesh by windows: few vertices are open unless the points are in convex position");
-	}
+	if (!slot)
+		return err_set(err, ERR_NOMEM, "there is no memory for more than %llu open vertices",
+			       (unsigned long long)c->open);
 	c->slot = slot;
 	c->bits++;
 	for (uint64_t i = 0; i < n; i++)

@@ -39,7 +39,7 @@ int fetch_stream(struct fetch *);
 int fetch_end(struct fetch *, int r);
 /* All three. */
 int fetch_run(struct fetch *);
-/* From acut_fetch_state; false: the bytes are damaged. They are borrowed until the head has come. */
-bool fetch_read_state(struct fetch *, const uint8_t *bytes, size_t size);
+/* From acut_fetch_state; borrowed until the head has come. -ERR_CORRUPT: the bytes are damaged; -ERR_VERSION. */
+int fetch_read_state(struct fetch *, const uint8_t *bytes, size_t size, struct err *);
 
 #endif

@@ -50,16 +50,25 @@ int acut_fetch_state(struct acut *a, void **ret, size_t *ret_size)
 	return 0;
 }
 
-bool fetch_read_state(struct fetch *f, const uint8_t *bytes, size_t size)
+static int damaged(struct err *err)
+{
+	err_set(err, ERR_CORRUPT, "the state of a fetch is damaged");
+	return err_add_hint(err, "fetch it again, from the start");
+}
+
+int fetch_read_state(struct fetch *f, const uint8_t *bytes, size_t size, struct err *err)
 {
 	struct cursor c = cursor_of(bytes, size), sum;
 
 	if (size < STATE_HEAD + STATE_SUM)
-		return false;
+		return damaged(err);
 	sum = cursor_of(bytes + size - STATE_SUM, STATE_SUM);
-	if (cursor_u64(&sum) != XXH3_64bits(bytes, size - STATE_SUM) || cursor_u32(&c) != STATE_MAGIC ||
-	    cursor_u32(&c) != STATE_VERSION)
-		return false;
+	if (cursor_u64(&sum) != XXH3_64bits(bytes, size - STATE_SUM) || cursor_u32(&c) != STATE_MAGIC)
+		return damaged(err);
+	if (cursor_u32(&c) != STATE_VERSION) {
+		err_set(err, ERR_VERSION, "the state of a fetch is of another version");
+		return err_add_hint(err, "fetch it again, from the start");
+	}
 	f->job = cursor_u64(&c);
 	f->id.hi = cursor_u64(&c);
 	f->id.lo = cursor_u64(&c);
@@ -73,7 +82,7 @@ bool fetch_read_state(struct fetch *f, const uint8_t *bytes, size_t size)
 		f->from.box[i] = cursor_i32(&c);
 	f->state = c;
 	f->continued = true;
-	return !c.bad;
+	return 0;
 }
 
 int acut_fetch_from(struct acut *a, const void *state, size_t size, const struct acut_mesh_sink *sink)
@@ -83,7 +92,6 @@ int acut_fetch_from(struct acut *a, const void *state, size_t size, const struct
 
 	if (!f)
 		return -(int)a->err.code;
-	if (!fetch_read_state(f, state, size))
-		return err_set(&a->err, ERR_CORRUPT, "the state of a fetch is damaged, or of another version");
-	return fetch_run(f);
+	r = fetch_read_state(f, state, size, &a->err);
+	return r < 0 ? r : fetch_run(f);
 }

@@ -15,8 +15,9 @@ int acut_fetch_begin(struct acut *a, uint64_t job, uint64_t since, const void *s
 	f->over = true;
 	if (state && since)
 		return err_set(&a->err, ERR_USAGE, "a fetch of changes cannot be gone on with");
-	if (state && !fetch_read_state(f, state, size))
-		return err_set(&a->err, ERR_CORRUPT, "the state of a fetch is damaged, or of another version");
+	r = state ? fetch_read_state(f, state, size, &a->err) : 0;
+	if (r < 0)
+		return r;
 	if (!state)
 		f->job = job;
 	f->since = since;

@@ -40,7 +40,7 @@ struct outputs_options {
 	bool tiled;                    /* the one output is a folder of tiles */
 	bool levels;                   /* the one output is a folder with a page and its tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
-	uint64_t tiles_most;           /* more with triangles are refused; 0: OUTPUTS_TILES */
+	uint64_t tiles_most;           /* more with triangles are refused; 0, and rasters and lines: OUTPUTS_TILES */
 	int (*interrupted)(void *ctx); /* not 0: give up; may be NULL. Called while triangles are sorted and tiles made, and when
 					* parts are joined, before the first file gets its name. */
 	void *ctx;

@@ -212,9 +212,15 @@ static const char *file_name(void *tiles, size_t i, char buf[OUTFILE_NAME])
 
 /* ---- the tiles that have triangles ---- */
 
+/* The caller's limit is one of memory for tiles of triangles; rasters and lines divide themselves. */
+static bool by_memory(const struct outputs_tiles *t)
+{
+	return t->run.tiles_most && !t->divides;
+}
+
 uint64_t outputs_tiles_most(const struct outputs_tiles *t)
 {
-	return t->run.tiles_most ? t->run.tiles_most : OUTPUTS_TILES;
+	return by_memory(t) ? t->run.tiles_most : OUTPUTS_TILES;
 }
 
 int outputs_tiles_too_many(const struct outputs_tiles *t, struct err *err)
@@ -223,8 +229,8 @@ int outputs_tiles_too_many(const struct outputs_tiles *t, struct err *err)
 
 	err_set(err, ERR_USAGE, "the mesh is in more than %llu tiles of %s", (unsigned long long)outputs_tiles_most(t),
 		decimal_text(t->run.tile, size));
-	return err_add_hint(err, t->run.tiles_most ? "give a larger --tile, or tasks more memory (--task-memory)" :
-						     "give a larger --tile");
+	return err_add_hint(err,
+			    by_memory(t) ? "give a larger --tile, or tasks more memory (--task-memory)" : "give a larger --tile");
 }
 
 /* Where `number` is in the table of slots, or would be. */

@@ -26,7 +26,7 @@ static int tile_begin(void *ctx, const int64_t at[2], struct outfile **ret, stru
 
 static int keep(struct outputs_tiles *t, const struct outputs_tile *tile, struct err *err)
 {
-	if (t->ntile == OUTPUTS_TILES)
+	if (t->ntile == outputs_tiles_most(t))
 		return outputs_tiles_too_many(t, err);
 	if (!grow(&t->tile, &t->nslot, t->ntile + 1, 64, sizeof(*t->tile)))
 		return err_set(err, ERR_NOMEM, "no memory for %zu tiles", t->ntile + 1);

@@ -28,6 +28,7 @@ struct term_table {
 	size_t rows, room;
 	unsigned width[TERM_TABLE_COLUMNS]; /* 0: left out */
 	bool settled;
+	bool lost; /* there was no memory for a cell: it and all later ones are left out */
 };
 
 struct term_table *term_table_new(FILE *out, const struct term_column *column, unsigned n)
@@ -100,6 +101,7 @@ static void put(struct term_table *t, unsigned i, const char *text, enum term_ti
 	char *fit = malloc(room);
 	unsigned w, pad;
 
+	t->lost |= !fit;
 	if (!fit)
 		return;
 	memcpy(fit, text, strlen(text) + 1);
@@ -163,7 +165,7 @@ static void add(struct term_table *t, const char *text)
 	struct cell *grown;
 	char *safe;
 
-	if (!t)
+	if (!t || t->lost)
 		return;
 	if (!t->term.on) {
 		plain(t, text);
@@ -171,12 +173,14 @@ static void add(struct term_table *t, const char *text)
 	}
 	if (!t->at && t->rows == t->room) {
 		grown = realloc(t->cell, (t->room ? 2 * t->room : 64) * t->n * sizeof(*grown));
+		t->lost = !grown;
 		if (!grown)
 			return;
 		t->cell = grown;
 		t->room = t->room ? 2 * t->room : 64;
 	}
 	safe = term_safe(*text ? text : "-");
+	t->lost = !safe;
 	if (!safe)
 		return;
 	t->cell[t->rows * t->n + t->at] = (struct cell){.text = safe, .tint = t->tint};
@@ -257,8 +261,12 @@ struct term_table *term_table_free(struct term_table *t)
 {
 	if (!t)
 		return NULL;
+	for (unsigned i = 0; t->cell && i < t->at; i++)
+		free(t->cell[t->rows * t->n + i].text); /* of a row without its end */
 	if (t->term.on)
 		flush(t);
+	if (t->lost)
+		fputs("There is no memory for all of this list.\n", t->out);
 	free(t->cell);
 	free(t);
 	return NULL;

@@ -44,7 +44,8 @@ void term_table_size(struct term_table *, uint64_t bytes);
 void term_table_time(struct term_table *, int64_t us);     /* since 1970; 0 is none */
 void term_table_none(struct term_table *);                 /* not known: "-" */
 void term_table_tint(struct term_table *, enum term_tint); /* of the next cell */
-/* Prints the rows that are kept back and the table's end. Returns NULL; takes NULL. */
+/* Prints the rows that are kept back and the table's end, which says so if there was no memory for all rows. Returns NULL; takes
+ * NULL. */
 struct term_table *term_table_free(struct term_table *);
 
 #endif

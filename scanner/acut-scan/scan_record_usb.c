@@ -29,12 +29,25 @@ static void add_counts(struct usb_counts *to, const struct usb_counts *c)
 
 static const char *event_name(enum usb_kind kind)
 {
-	static const char *const names[] = {
-		[USB_STALL] = "stall",     [USB_CLEARED] = "cleared", [USB_OVERFLOW] = "overflow",
-		[USB_TIMEOUT] = "timeout", [USB_ERROR] = "error",     [USB_PARKED] = "parked",
-	};
-
-	return names[kind];
+	switch (kind) {
+	case USB_STALL:
+		return "stall";
+	case USB_CLEARED:
+		return "cleared";
+	case USB_OVERFLOW:
+		return "overflow";
+	case USB_TIMEOUT:
+		return "timeout";
+	case USB_ERROR:
+		return "error";
+	case USB_PARKED:
+		return "parked";
+	case USB_DATA:
+	case USB_SENT:
+	case USB_GONE:
+		break;
+	}
+	return "error";
 }
 
 static int event(struct record *r, const struct usb_buffer *b, struct err *err)

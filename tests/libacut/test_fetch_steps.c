@@ -9,6 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
 #include "fetch_server.h"
 
 /* ---- piece by piece ---- */
@@ -207,6 +210,7 @@ static void test_does_not_go_on(void **state)
 {
 	struct keeper first = {.keep_at = 1}, other = {0};
 	struct server s = {.how = GOOD};
+	uint64_t sum;
 	uint8_t *bytes;
 
 	/* A block that the receiver did not take is in no state. */
@@ -234,6 +238,11 @@ static void test_does_not_go_on(void **state)
 		assert_int_equal(fetch_kept(&other, &s, first.state, i), -ACUT_E_CORRUPT);
 		i += i > 16 ? 16 : 0;
 	}
+	memcpy(bytes, first.state, first.size);
+	bytes[4]--; /* the version */
+	sum = XXH3_64bits(bytes, first.size - sizeof(sum));
+	memcpy(bytes + first.size - sizeof(sum), &sum, sizeof(sum));
+	assert_int_equal(fetch_kept(&other, &s, bytes, first.size), -ACUT_E_VERSION);
 	free(bytes);
 	free(first.state);
 }

@@ -44,7 +44,16 @@ static void test_members(void **state)
 
 static void test_refused(void **state)
 {
-	static const char *const row[] = {"", "[]", "{\"points\":5", "{\"points\":-5}", "{\"points\":\"5\"}", "{\"note\":7}"};
+	static const char *const row[] = {"",
+					  "[]",
+					  "{\"points\":5",
+					  "{\"points\":-5}",
+					  "{\"points\":\"5\"}",
+					  "{\"note\":7}",
+					  "{\"seconds\":abc}",
+					  "{\"seconds\":1e999}",
+					  "{} garbage",
+					  "{\"points\":1}{"};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
 		struct ctl_window w;
@@ -52,6 +61,7 @@ static void test_refused(void **state)
 
 		assert_int_equal(tail_of(row[i], &w, &err), -ERR_PROTO);
 		assert_non_null(strstr(err.message, "the report of the window cannot be read"));
+		assert_int_equal(strncmp(err.field, "byte ", 5), 0);
 	}
 }
 

@@ -8,6 +8,7 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "format_dem.h"
 #include "written.h"
 
 struct image {
@@ -206,11 +207,23 @@ static void test_lines(void **state)
 	}
 }
 
+/* The slope of a picture is that of earlier versions to the last bit: a height is divided, which a product with the reciprocal is
+ * not. */
+static void test_steep(void **state)
+{
+	const double height = 0.01, inverse = 1 / 111320.0;
+
+	assert_true(height / 111320 != height * inverse);
+	assert_true(format_dem_steep(&(struct acut_mesh_head){.unit_xy = "degree", .unit_z = ""}, height) == height / 111320);
+	assert_true(format_dem_steep(&(struct acut_mesh_head){.unit_xy = "metre", .unit_z = "foot"}, height) == height * 0.3048);
+	assert_true(format_dem_steep(&(struct acut_mesh_head){.unit_xy = "metre", .unit_z = ""}, height) == height);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_cover),   cmocka_unit_test(test_light), cmocka_unit_test(test_fan),
-		cmocka_unit_test(test_domains), cmocka_unit_test(test_lines),
+		cmocka_unit_test(test_domains), cmocka_unit_test(test_lines), cmocka_unit_test(test_steep),
 	};
 
 	return written_run(tests, sizeof tests / sizeof *tests);

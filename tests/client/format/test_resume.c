@@ -12,6 +12,9 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
 #include "err.h"
 #include "folder.h"
 #include "meshes.h"
@@ -109,9 +112,44 @@ static void test_resume(void **state)
 	assert_true(tested >= 2);
 }
 
+/* A part that another version of acutctl has kept. */
+static void test_version(void **state)
+{
+	const struct format *f = format_find("ply");
+	const struct format_options opt = meshes_options(f);
+	const struct outputs_options ropt = {.sort_memory = 1 << 20};
+	struct err err = ERR_INIT;
+	struct outputs *run_on;
+	struct meshes m;
+	char name[600], *bytes;
+	uint64_t sum;
+	size_t size;
+	FILE *file;
+
+	meshes_make(&m, &meshes_many);
+	run(f, &m, 0, 1, false);
+	snprintf(name, sizeof(name), "%s.part.state", folder_out);
+	bytes = folder_file(name, &size);
+	bytes[4]--;
+	sum = XXH3_64bits(bytes, size - sizeof(sum));
+	memcpy(bytes + size - sizeof(sum), &sum, sizeof(sum));
+	file = fopen(name, "w");
+	assert_int_equal(fwrite(bytes, 1, size, file), size);
+	assert_int_equal(fclose(file), 0);
+	free(bytes);
+	assert_int_equal(outputs_new(&ropt, &run_on, &err), 0);
+	assert_int_equal(outputs_add(run_on, folder_out, f, &opt, &err), 0);
+	assert_int_equal(outputs_keep(run_on, 1, true, &err), -ERR_USAGE);
+	assert_non_null(strstr(err.message, "another version"));
+	assert_non_null(strstr(err.hint, "without --resume"));
+	assert_non_null(strstr(err.file, ".part.state"));
+	outputs_free(run_on);
+	meshes_done(&m);
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume), cmocka_unit_test(test_version)};
 
 	no_sync();
 	return folder_run(tests);

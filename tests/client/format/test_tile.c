@@ -137,11 +137,34 @@ static void test_numbers(void **state)
 	meshes_done(&m);
 }
 
+/* A limit that memory gives is one of tiles of triangles: a raster divides itself. */
+static void test_most(void **state)
+{
+	struct outputs_options ropt = {.tiled = true, .tiles_most = 3};
+	struct outputs_report report;
+	struct err err = ERR_INIT;
+	struct meshes m;
+	char a[512];
+
+	meshes_make(&m, &many);
+	assert_true(decimal_parse("3.2", &ropt.tile));
+	for (unsigned i = 0; i < 2; i++) {
+		const struct format *f = format_find(i ? "ply" : "tif");
+		const struct format_options opt = meshes_options(f);
+
+		assert_int_equal(meshes_write(&m, folder_path(f->name, a), f, &opt, &ropt, &report, &err), i ? -ERR_USAGE : 0);
+	}
+	assert_true(report.tiles > 3);
+	assert_non_null(strstr(err.message, "more than 3 tiles"));
+	assert_non_null(strstr(err.hint, "--task-memory"));
+	meshes_done(&m);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_memory),      cmocka_unit_test(test_interrupted), cmocka_unit_test(test_outside),
-		cmocka_unit_test(test_two_heights), cmocka_unit_test(test_numbers),
+		cmocka_unit_test(test_two_heights), cmocka_unit_test(test_numbers),     cmocka_unit_test(test_most),
 	};
 
 	many = meshes_many;

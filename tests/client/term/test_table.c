@@ -167,11 +167,35 @@ static void test_terminal(void **state)
 	assert_null(strstr(shown(80), "\033"));
 }
 
+static size_t refused; /* bytes that malloc does not give */
+
+void *__real_malloc(size_t size);
+void *__wrap_malloc(size_t size);
+
+void *__wrap_malloc(size_t size)
+{
+	return size == refused ? NULL : __real_malloc(size);
+}
+
+/* Without memory for the first cell of the second row: the later ones do not move into its place. */
+static void test_no_memory(void **state)
+{
+	char *text;
+
+	(void)state;
+	refused = 4 * strlen("tab\there") + 4;
+	text = shown(100);
+	refused = 0;
+	assert_non_null(strstr(text, "1,234,567"));
+	text = strchr(strstr(text, "1,234,567"), '\n');
+	assert_string_equal(text, "\nThere is no memory for all of this list.\n");
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_safe),  cmocka_unit_test(test_columns),  cmocka_unit_test(test_shorten),
-		cmocka_unit_test(test_plain), cmocka_unit_test(test_terminal),
+		cmocka_unit_test(test_plain), cmocka_unit_test(test_terminal), cmocka_unit_test(test_no_memory),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
