@@ -21,7 +21,7 @@ GATE = os.environ.get("ACUT_TEST_GATE")
 # How long anything may take before the test says that it hangs. No test compares with it, and none waits for it where all is well.
 PATIENCE = 240
 # meson has malloc fill each block, which is for programs of one room. Filling all memory that daemons may use takes most of the time
-# of a test; lives.py and years.py do it all the same (ACUT_TEST_FILL).
+# of a test; those with ACUT_TEST_FILL in their meson.build keep it.
 if not os.environ.get("ACUT_TEST_FILL"):
     os.environ["MALLOC_PERTURB_"] = "0"
 # A program in the background may inherit that these signals are ignored; programs of the tests must get them.
