@@ -21,7 +21,7 @@ GATE = os.environ.get("ACUT_TEST_GATE")
 # How long anything may take before the test says that it hangs. No test compares with it, and none waits for it where all is well.
 PATIENCE = 240
 # meson has malloc fill each block, which is for programs of one room. Filling all memory that daemons may use takes most of the time
-# of a test; lives.py and years.py do it all the same (ACUT_TEST_FILL).
+# of a test; those with ACUT_TEST_FILL in their meson.build keep it.
 if not os.environ.get("ACUT_TEST_FILL"):
     os.environ["MALLOC_PERTURB_"] = "0"
 # A program in the background may inherit that these signals are ignored; programs of the tests must get them.
@@ -290,18 +290,29 @@ def passes(case):
 
 def main(*cases, at_once=1):
     """Runs all cases in order; each is a function. `at_once`: in processes of their own, as many beside each other, for cases that mostly
-    wait. The exit status tells whether one failed."""
+    wait. The exit status tells whether one failed or, if none did, whether one was skipped."""
     if at_once == 1:
         sys.exit(0 if all([passes(case) for case in cases]) else 1)
-    left, running, failed = list(cases), 0, 0
+    left, running, ends = list(cases), {}, set()
     while left or running:
-        if left and running < at_once:
+        if left and len(running) < at_once:
             sys.stdout.flush()
-            if not os.fork():
-                os._exit(0 if passes(left[0]) else 1)
-            left.pop(0)
-            running += 1
+            case = left.pop(0)
+            pid = os.fork()
+            if not pid:
+                try:
+                    status = 0 if passes(case) else 1
+                except SystemExit as end:
+                    status = end.code
+                sys.stdout.flush()
+                os._exit(status)
+            running[pid] = case.__name__
         else:
-            failed += os.wait()[1] != 0
-            running -= 1
-    sys.exit(1 if failed else 0)
+            pid, status = os.wait()
+            name, end = running.pop(pid), os.waitstatus_to_exitcode(status)
+            if end == 77:
+                print("skip %s" % name, flush=True)
+            elif end not in (0, 1):
+                print("FAIL %s: ended with %s" % (name, "signal %d" % -end if end < 0 else "status %d" % end), flush=True)
+            ends.add(end)
+    sys.exit(1 if ends - {0, 77} else max(ends))

@@ -61,7 +61,6 @@ def triangles(b):
 
 
 def contours(b):
-    b.size(640, 360)
     choose(b, "Hillshade", "contours")
     b.value("document.getElementById('top').click()")
     b.value(ALONE)
@@ -69,21 +68,20 @@ def contours(b):
 
 
 def page(b):
-    b.size(960, 660)
     choose(b, "Elevation", "contours", "profile")
     for x, y in ((400, 300), (520, 260), (700, 330)):
         b.click(x, y)
     b.mouse("Moved", 480, 540)
 
 
-def shown(b, path, name, draw):
-    """The bytes of a picture."""
-    b.size(800, 450)
+def shown(b, path, name, draw, size):
+    """The bytes of a picture. The page opens in its size: it hears of another one with its next frame, maybe after clicks."""
+    b.size(*size)
     b.open("/dev/null")
     b.open(path)
     expect(b.ready(), b.said)
     draw(b)
-    b.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 300))))")
+    b.value("acut.page.draw(), new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     made = os.path.join(os.path.dirname(path), name)
     b.picture(made)
     with open(made, "rb") as f:
@@ -99,9 +97,9 @@ def each(compare):
         d.ctl("push", "survey", survey).ok()
         d.ctl("submit", "survey", "--ground", "--wait").ok()
         d.ctl("fetch", "1", "--trim-hull", "40m", "-o", html).ok()
-        for draw in (terrain, triangles, contours, page):
+        for draw, *size in ((terrain, 800, 450), (triangles, 800, 450), (contours, 640, 360), (page, 960, 660)):
             name = draw.__name__ + ".png"
-            compare(b, name, shown(b, html, name, draw))
+            compare(b, name, shown(b, html, name, draw, size))
 
 
 def write(b, name, data):
