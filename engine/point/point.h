@@ -97,7 +97,8 @@ static inline void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_
 /* The sort order of runs and segments: Morton key, z, class, returns, flags; source last. <0, 0, >0. */
 int point_compare(const struct point *a, const struct point *b);
 
-/* Sorts by point_compare with a radix sort; `scratch` has room for n records. The result is in `pts`. */
+/* Sorts by point_compare with a radix sort; `scratch` has room for n records. The result is in `pts`.
+ * Takes at most 48 KiB of stack. */
 void point_sort(struct point *pts, struct point *scratch, size_t n);
 
 #endif

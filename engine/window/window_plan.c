@@ -13,7 +13,8 @@
 
 #include "window_area.h"
 
-enum { STACK = 72, WASTE = 4, EMPTY = 2 };
+enum { STACK = 72, WASTE = 4 };
+enum { EMPTY = 8 }; /* most halvings in a row that leave a half without positions, above a piece that would fit */
 /* Positions of a piece that is worth a thread of its own; with so many, what is read around it no longer counts. */
 enum { SHARE_LEAST = 1 << 14, SHARE_WIDE = 1 << 17 };
 
@@ -67,50 +68,39 @@ static int leaf_of(const struct cut_source *src, const struct view *view, const 
 	return window_positions(src, &window, &ret->count, err);
 }
 
-/* *ret: the next halvings leave a half without positions. Such a half reads about as much as one with many, and two clusters far
- * from each other would have dozens of them before one is divided. So a piece that fits is not halved then. */
-static int is_lopsided(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct cut_leaf *leaf,
-		       bool *ret, struct err *err)
+/*
+ * Pushes the halves of a piece, the lower one on top; of a half that has all of its positions, the halves of that. A half without
+ * positions reads about as much as one with many, and two clusters far from each other would have dozens of them before one is
+ * divided. *ret false: there would be more than `empty`, and nothing was pushed.
+ */
+static int halve(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct part *whole,
+		 unsigned empty, struct part *stack, unsigned *n, bool *ret, struct err *err)
 {
-	struct cut_leaf at = *leaf, part[2];
+	unsigned at = *n, top = at + 1;
 	struct cut_region half[2];
+	uint64_t sum;
 	bool any;
 
-	*ret = true;
-	for (unsigned i = 0; i < EMPTY && *ret && cut_region_split(&at.region, half); i++) {
+	*ret = false;
+	stack[at] = *whole;
+	for (unsigned i = 0; i <= empty && !*ret && cut_region_split(&stack[at].leaf.region, half); i++) {
+		memmove(stack + at + 2, stack + at + 1, (top++ - at - 1) * sizeof *stack);
+		stack[at + 1].waste = whole->waste;
 		for (unsigned k = 0; k < 2; k++) {
-			int r = leaf_of(src, view, data, &half[k], &part[k], &any, err);
+			int r = leaf_of(src, view, data, &half[k], &stack[at + !k].leaf, &any, err);
 
 			if (r)
 				return r;
 		}
-		*ret = !part[0].count || !part[1].count;
-		at = part[!part[0].count];
+		*ret = stack[at].leaf.count && stack[at + 1].leaf.count;
+		at += !stack[at].leaf.count;
 	}
-	return 0;
-}
-
-/* Pushes the halves that have a piece onto the stack; the lower one on top. */
-static int halve(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct part *whole,
-		 const struct cut_region half[2], struct part *stack, unsigned *n, struct err *err)
-{
-	uint64_t sum = 0;
-	unsigned first = *n;
-
-	for (unsigned k = 2; k-- > 0;) {
-		struct part part = {.waste = whole->waste};
-		bool any;
-		int r = leaf_of(src, view, data, &half[k], &part.leaf, &any, err);
-
-		if (r)
-			return r;
-		sum += part.leaf.count;
-		if (any)
-			stack[(*n)++] = part;
-	}
-	for (unsigned i = first; i < *n; i++)
-		if (sum > whole->leaf.count)
-			stack[i].waste += log2((double)sum / (double)whole->leaf.count);
+	if (!*ret)
+		return 0;
+	*n = top;
+	sum = stack[at].leaf.count + stack[at + 1].leaf.count;
+	for (unsigned k = 0; k < 2 && sum > whole->leaf.count; k++)
+		stack[at + k].waste += log2((double)sum / (double)whole->leaf.count);
 	return 0;
 }
 
@@ -143,7 +133,6 @@ int window_plan_from(const struct cut_source *src, const struct view *view, uint
 	const struct cut_region plane = window_piece_plane();
 	struct cut_plan plan = {.ledger = src->ledger};
 	struct part stack[STACK];
-	struct cut_region half[2];
 	int32_t data[4];
 	unsigned n = 0;
 	bool any = false;
@@ -157,15 +146,13 @@ int window_plan_from(const struct cut_source *src, const struct view *view, uint
 	most = piece_most(stack[0].leaf.count, fits, pieces);
 	while (n > 0 && !r) {
 		struct part part = stack[--n];
-		bool whole = part.leaf.count <= most || part.waste >= WASTE;
+		bool halved = false;
 
-		if (!whole && part.leaf.count <= fits)
-			r = is_lopsided(src, view, data, &part.leaf, &whole, err);
-		if (!r && !whole && cut_region_split(&part.leaf.region, half)) {
-			r = halve(src, view, data, &part, half, stack, &n, err);
+		if (part.leaf.count > most && part.waste < WASTE)
+			r = halve(src, view, data, &part, part.leaf.count > fits ? STACK : EMPTY, stack, &n, &halved, err);
+		if (r || halved)
 			continue;
-		}
-		r = r ? r : cut_plan_room(&plan, plan.n + 1, err);
+		r = cut_plan_room(&plan, plan.n + 1, err);
 		if (!r)
 			plan.leaf[plan.n++] = part.leaf;
 	}

@@ -6,6 +6,7 @@
 
 #include <cmocka.h>
 
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -147,6 +148,43 @@ static void test_sort(void **state)
 	(void)state;
 }
 
+static void *sort_stairs(void *arg)
+{
+	static struct point pts[100], scratch[100];
+	size_t n = 0;
+
+	(void)arg;
+	for (; n < 30; n++)
+		pts[n] = (struct point){INT32_MIN, INT32_MIN, (int32_t)n, 0, 0, 0};
+	for (unsigned bit = 0; bit < 64; bit++, n++)
+		point_from_morton(UINT64_C(1) << bit, &pts[n].x, &pts[n].y);
+	point_sort(pts, scratch, n);
+	return NULL;
+}
+
+/* Keys that share all digits but one keep the recursion deep; a stack filled with a known byte shows how far it reaches. */
+static void test_stack(void **state)
+{
+	enum { STACK = 256 << 10, MOST = 48 << 10, FILL = 0xa5 };
+	unsigned char *stack = aligned_alloc(4096, STACK);
+	pthread_attr_t attr;
+	pthread_t thread;
+	size_t unused = 0;
+
+	assert_non_null(stack);
+	memset(stack, FILL, STACK);
+	assert_int_equal(pthread_attr_init(&attr), 0);
+	assert_int_equal(pthread_attr_setstack(&attr, stack, STACK), 0);
+	assert_int_equal(pthread_create(&thread, &attr, sort_stairs, NULL), 0);
+	assert_int_equal(pthread_join(thread, NULL), 0);
+	pthread_attr_destroy(&attr);
+	while (unused < STACK && stack[unused] == FILL)
+		unused++;
+	assert_in_range(STACK - unused, 1 << 10, MOST);
+	free(stack);
+	(void)state;
+}
+
 static void test_compare(void **state)
 {
 	for (int i = 0; i < 100000; i++) {
@@ -163,10 +201,8 @@ static void test_compare(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_morton),
-		cmocka_unit_test(test_morton_nests),
-		cmocka_unit_test(test_sort),
-		cmocka_unit_test(test_compare),
+		cmocka_unit_test(test_morton), cmocka_unit_test(test_morton_nests), cmocka_unit_test(test_sort),
+		cmocka_unit_test(test_stack),  cmocka_unit_test(test_compare),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -195,6 +195,46 @@ static void small(void **state)
 	cut_plan_done(&plan);
 }
 
+/* A survey in the lower corner of what the window has of the plane, because the window reaches further or a point lies far off,
+ * is shared by the threads as one that fills the window. Only a few pieces have no positions. */
+static void far_points(void **state)
+{
+	enum { COUNT = 200000, SIDE = 1 << 14, TIMES = 16 };
+	static struct point pts[COUNT + 1];
+	struct tiling t = {.pts = {pts}, .segments = 1, .cell_records = 1000};
+	struct err err = ERR_INIT;
+	struct cut_source far;
+	struct cut_plan plan;
+	uint64_t seed = 1;
+
+	(void)state;
+	for (int i = 0; i < COUNT; i++) {
+		pts[i].x = (int32_t)(random_next(&seed) % SIDE);
+		pts[i].y = (int32_t)(random_next(&seed) % SIDE);
+	}
+	qsort(pts, COUNT, sizeof *pts, by_place);
+	pts[COUNT] = (struct point){.x = TIMES * SIDE - 1, .y = TIMES * SIDE - 1};
+	tiling_source(&t, &far);
+	for (int times = 2; times <= TIMES; times *= 2)
+		for (int stray = 0; stray < 2; stray++) {
+			const struct view reaching = {.window = VIEW_CROP_BOX,
+						      .window_box = {0, 0, times * SIDE - 1, times * SIDE - 1}};
+			size_t with = 0;
+
+			/* The far point makes the data reach as far as the window, or is itself in it. */
+			pts[COUNT].x = pts[COUNT].y = (stray ? times : TIMES) * SIDE - 1;
+			t.n[0] = COUNT + 1;
+			assert_int_equal(window_plan_from(&far, &reaching, CAP, 8, &plan, &err), 0);
+			for (size_t i = 0; i < plan.n; i++) {
+				assert_in_range(plan.leaf[i].count, 0, COUNT / 4);
+				with += plan.leaf[i].count > 1;
+			}
+			assert_in_range(with, 8, 12);
+			assert_in_range(plan.n - with, 0, 9);
+			cut_plan_done(&plan);
+		}
+}
+
 /* Two clusters far from each other, each larger than a thread's share. To divide one, the plane is halved dozens of times, and
  * each half without positions would read some of both clusters. So they stay whole, and little is read twice. */
 static void far_clusters(void **state)
@@ -233,7 +273,7 @@ static void far_clusters(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(divides), cmocka_unit_test(small), cmocka_unit_test(beside_sparse),
-					   cmocka_unit_test(far_clusters)};
+					   cmocka_unit_test(far_points), cmocka_unit_test(far_clusters)};
 
 	for (unsigned i = 0; i < CELLS * CELLS; i++)
 		make_cell(i % CELLS, i / CELLS);
