@@ -197,16 +197,11 @@ static struct conn *find_in_crowd(const struct server *s, uint32_t uid)
 	return most;
 }
 
-/* Marks one client for disconnection. False: there is none. */
-static bool cut_one(struct server *s, uint32_t uid, const struct conn *except)
+/* Marks a client for disconnection, which frees its unsent answers at once. */
+static void cut(struct server *s, struct conn *c)
 {
-	struct conn *c = find_hoarder(s, except);
 	struct err err = ERR_INIT;
 
-	if (!c)
-		c = find_in_crowd(s, uid);
-	if (!c)
-		return false;
 	if (refusal_may_log_cut(s))
 		log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
 			  "a client (pid %u) is cut off: it keeps %llu KiB of messages, and others have no memory for theirs",
@@ -215,7 +210,6 @@ static bool cut_one(struct server *s, uint32_t uid, const struct conn *except)
 	frame_conn_cut(c->frame, &err);
 	c->blocked_ns = 0;
 	c->cut = true;
-	return true;
 }
 
 /* Memory of clients that are marked: it comes free when they are closed. */
@@ -228,11 +222,20 @@ static uint64_t bytes_of_cut(const struct server *s)
 	return bytes;
 }
 
+/* Who does not read is disconnected until there is memory now: a caller does not wait for the loop, and would refuse a client
+ * that does nothing wrong. A user with many connections loses no more of them than are needed when they are closed. */
 void quota_reclaim(struct server *s, size_t bytes, uint32_t uid, const struct conn *except)
 {
-	uint64_t left = ledger_available(s->p.ledger, LEDGER_MESSAGE);
+	uint64_t left;
 
 	THREAD_LOOP_ONLY();
-	while (left < bytes && left + bytes_of_cut(s) < bytes && cut_one(s, uid, except))
-		left = ledger_available(s->p.ledger, LEDGER_MESSAGE);
+	while ((left = ledger_available(s->p.ledger, LEDGER_MESSAGE)) < bytes) {
+		struct conn *c = find_hoarder(s, except);
+
+		if (!c && left + bytes_of_cut(s) < bytes)
+			c = find_in_crowd(s, uid);
+		if (!c)
+			return;
+		cut(s, c);
+	}
 }

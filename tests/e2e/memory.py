@@ -480,7 +480,7 @@ def least_memory():
         b.load("large areas", areas)
         b.load("eight jobs at once", eight, synth("eight.las", "2M" if LONG else "250k"))
         b.load("readers that stopped", slow, synth("eight.las", "2M" if LONG else "250k"), 6)
-        b.load("200 that do not read", crowd, 200)
+        b.load("400 that do not read", crowd, 400)
         b.load("hostile lengths", lengths)
         b.load("absurd lines", lines)
         b.load("lists", lists, 2000 if LONG else 300, 4000 if LONG else 400)
