@@ -8,6 +8,7 @@
 #include <sys/statvfs.h>
 
 #include "io.h"
+#include "log.h"
 
 static struct io_table slow_io;
 static atomic_bool holds;
@@ -55,15 +56,20 @@ static void asking_is_no_work(void **state)
 	turn_until(!service_active(h.service));
 }
 
-/* Slow, and then it fails. */
 static int no_domains(int dirfd, const char *path, int flags, mode_t mode)
 {
 	if (!strcmp(path, "domains")) {
-		usleep(600000);
 		errno = EIO;
 		return -1;
 	}
 	return io_system.openat(dirfd, path, flags, mode);
+}
+
+static int slow_no_domains(int dirfd, const char *path, int flags, mode_t mode)
+{
+	if (!strcmp(path, "domains"))
+		usleep(600000);
+	return no_domains(dirfd, path, flags, mode);
 }
 
 static void poll_cache(void)
@@ -93,7 +99,7 @@ static void inexact_is_measured_again(void **state)
 	poll_cache();
 	assert_true(space_is_inexact(s) && !d->work);
 	/* One that fails is not repeated at once, either. */
-	slow_io.openat = no_domains;
+	slow_io.openat = slow_no_domains;
 	d->remeasure_ns = before = clock_mono_ns();
 	poll_cache();
 	turn_until(!d->work);
@@ -108,12 +114,60 @@ static void inexact_is_measured_again(void **state)
 	assert_true(d->remeasure_ns >= before + UINT64_C(10000000000));
 }
 
+static unsigned said_again;
+
+static bool count_again(void *ctx, const struct log_entry *e)
+{
+	said_again += strstr(e->message, "the cache can be examined again") != NULL;
+	return false;
+}
+
+static void measure_again(struct disk *d)
+{
+	struct cache_stat stat;
+
+	d->remeasure_ns = 0;
+	cache_stat(h.service->maintenance, &stat);
+	assert_non_null(d->work);
+	turn_until(!d->work);
+}
+
+/* A cache that cannot be read is measured until it can; what fails is logged when it begins and when it ends. */
+static void failures_are_logged_once(void **state)
+{
+	struct disk *d = &h.service->core->priv->disk;
+	uint64_t failures = log_event_count(LOG_EVENT_SPACE_UNKNOWN);
+
+	turn_until(d->measured && !d->work);
+	said_again = 0;
+	for (unsigned time = 1; time <= 2; time++) {
+		slow_io.openat = no_domains;
+		d->measured = false; /* as after the start */
+		for (unsigned pass = 0; pass < 3; pass++)
+			measure_again(d);
+		assert_int_equal(log_event_count(LOG_EVENT_SPACE_UNKNOWN), failures + time);
+		assert_int_equal(said_again, time - 1);
+		slow_io.openat = io_system.openat;
+		measure_again(d);
+		assert_int_equal(said_again, time);
+		d->remeasure_ns = 0;
+		poll_cache();
+		assert_null(d->work);
+		d->measured = false;
+		measure_again(d);
+		assert_int_equal(said_again, time);
+	}
+	assert_int_equal(log_event_count(LOG_EVENT_SPACE_UNKNOWN), failures + 2);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(asking_is_no_work, setup_slow, teardown_slow),
 		cmocka_unit_test_setup_teardown(inexact_is_measured_again, setup_slow, teardown_slow),
+		cmocka_unit_test_setup_teardown(failures_are_logged_once, setup_slow, teardown_slow),
 	};
 
+	log_set_sink(count_again, NULL);
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
