@@ -145,16 +145,16 @@ static void test_discard_removed(void **state)
 
 static atomic_bool unlink_fails;
 
-static int unlink_run(int dirfd, const char *path, int flags)
+static int failing_unlinkat(int dirfd, const char *path, int flags)
 {
-	if (unlink_fails && strstr(path, "push-")) {
+	if (unlink_fails && strstr(path, ".pending")) {
 		errno = EIO;
 		return -1;
 	}
 	return unlinkat(dirfd, path, flags);
 }
 
-/* What cannot be removed is pending as before, and nothing is said to be discarded. */
+/* What cannot be removed, beginning with the list of its files, is pending as before, and nothing is said to be discarded. */
 static void test_discard_fails(void **state)
 {
 	uint64_t dropped = log_event_count(LOG_EVENT_PUSH_DROPPED), bytes;
@@ -207,7 +207,7 @@ int main(void)
 	};
 	struct io_table table = io_system;
 
-	table.unlinkat = unlink_run;
+	table.unlinkat = failing_unlinkat;
 	io = &table; /* while there is no other thread */
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
