@@ -31,7 +31,11 @@ int console_error(struct console *c, const struct err *err)
 /* Takes over the text. */
 static void print(struct console *c, FILE *out, const char *kind, char *text)
 {
-	if (text && *text && !c->quiet && !c->json) {
+	bool wanted = !c->quiet && !c->json;
+
+	if (wanted && !text)
+		term_lose();
+	if (wanted && text && *text) {
 		console_progress_clear(c);
 		if (kind)
 			term_line(out, "%s: %s: %s", c->program, kind, text);
@@ -178,11 +182,15 @@ int console_end(struct console *c, int status)
 	c->warning = NULL;
 	c->nwarning = 0;
 	errno = 0;
-	if (!fflush(stdout) && !ferror(stdout))
-		return status;
-	if (errno == EPIPE || (!errno && console_reader_gone())) /* the error of an earlier write is forgotten by now */
+	if (!fflush(stdout) && !ferror(stdout)) {
+		if (!term_lost())
+			return status;
+		err_set(&err, ERR_NOMEM, "there is no memory for all that was to be printed");
+	} else if (errno == EPIPE || (!errno && console_reader_gone())) { /* the error of an earlier write is forgotten by now */
 		return CONSOLE_PIPE;
-	err_sys(&err, errno ? errno : EIO, "standard output cannot be written");
+	} else {
+		err_sys(&err, errno ? errno : EIO, "standard output cannot be written");
+	}
 	c->report = stderr;
 	return status ? status : console_error(c, &err);
 }

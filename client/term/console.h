@@ -62,7 +62,7 @@ void console_progress_clear(struct console *);
 bool console_is_gone(int fd, bool *ret_other);
 /* Nobody reads standard output any more. */
 bool console_reader_gone(void);
-/* At the end of the program: results that cannot be written are an error. Exit status. */
+/* At the end of the program: results that cannot be written, or for which there was no memory, are an error. Exit status. */
 int console_end(struct console *, int status);
 
 #endif

@@ -59,6 +59,18 @@ static bool harmful(wchar_t c)
 	       (c >= 0x2066 && c <= 0x2069) || c == 0xfeff;
 }
 
+static bool lost;
+
+void term_lose(void)
+{
+	lost = true;
+}
+
+bool term_lost(void)
+{
+	return lost;
+}
+
 char *term_format(const char *fmt, va_list ap)
 {
 	char *text;
@@ -92,6 +104,14 @@ char *term_safe(const char *text)
 	return safe;
 }
 
+/* What is printed of a safe copy. */
+static const char *printed(const char *safe)
+{
+	if (!safe)
+		term_lose();
+	return safe ? safe : "?";
+}
+
 void term_put(FILE *out, const char *text)
 {
 	const char *p = text;
@@ -104,7 +124,7 @@ void term_put(FILE *out, const char *text)
 		return;
 	}
 	safe = term_safe(text);
-	fputs(safe ? safe : "?", out);
+	fputs(printed(safe), out);
 	free(safe);
 }
 
@@ -199,7 +219,7 @@ static size_t one_line(const char *text, unsigned columns)
 	return blank ? blank : n ? n : 1;
 }
 
-static void wrapped(FILE *out, char *text, unsigned indent, unsigned width)
+static void wrapped(FILE *out, const char *text, unsigned indent, unsigned width)
 {
 	for (bool first = true; *text || first; first = false) {
 		size_t n = width > indent + 8 ? one_line(text, width - indent) : strlen(text);
@@ -215,10 +235,7 @@ void term_wrap(FILE *out, unsigned indent, const char *text)
 {
 	char *safe = term_safe(text);
 
-	if (safe)
-		wrapped(out, safe, indent, term_of(out).width);
-	else
-		fputs("?\n", out);
+	wrapped(out, printed(safe), indent, term_of(out).width);
 	free(safe);
 }
 
@@ -233,10 +250,7 @@ void term_field(FILE *out, const char *key, const char *fmt, ...)
 	va_end(ap);
 	safe = text ? term_safe(text) : NULL;
 	fprintf(out, "%s%-*s%s", term_tint(&term, TERM_BOLD), KEY - 1, key, term.color ? "\033[0m " : " ");
-	if (safe)
-		wrapped(out, safe, KEY, term.width);
-	else
-		fputs("?\n", out);
+	wrapped(out, printed(safe), KEY, term.width);
 	free(safe);
 	free(text);
 }
@@ -249,8 +263,10 @@ void term_line(FILE *out, const char *fmt, ...)
 	va_start(ap, fmt);
 	text = term_format(fmt, ap);
 	va_end(ap);
-	if (!text)
+	if (!text) {
+		term_lose();
 		return;
+	}
 	term_put(out, text);
 	fputc('\n', out);
 	free(text);

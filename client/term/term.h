@@ -27,6 +27,10 @@ const char *term_tint(const struct term *, enum term_tint);
 char *term_format(const char *fmt, va_list) __attribute__((format(printf, 1, 0)));
 /* A safe copy of text, to be freed; NULL: no memory. */
 char *term_safe(const char *text);
+/* Something that was to be printed is left out, or is "?", since there is no memory for it: the program fails at its end
+ * (console_end). */
+void term_lose(void);
+bool term_lost(void);
 /* Writes text, made safe. */
 void term_put(FILE *, const char *text);
 /* Columns that a safe text takes: 2 of wide characters, 0 of combining ones. */

@@ -28,15 +28,17 @@ struct term_table {
 	size_t rows, room;
 	unsigned width[TERM_TABLE_COLUMNS]; /* 0: left out */
 	bool settled;
-	bool lost; /* there was no memory for a cell: it and all later ones are left out */
+	bool lost; /* there was no memory for a cell: it and all later ones are left out (term_lose) */
 };
 
 struct term_table *term_table_new(FILE *out, const struct term_column *column, unsigned n)
 {
-	struct term_table *t = calloc(1, sizeof(*t));
+	struct term_table *t = malloc(sizeof(*t));
 
-	if (!t)
+	if (!t) {
+		term_lose();
 		return NULL;
+	}
 	*t = (struct term_table){.out = out, .term = term_of(out), .column = column, .n = n};
 	return t;
 }
@@ -206,8 +208,10 @@ void term_table_text(struct term_table *t, const char *fmt, ...)
 		va_start(ap, fmt);
 		more = term_format(fmt, ap);
 		va_end(ap);
+		if (t && !more)
+			t->lost = true;
 	}
-	add(t, more ? more : n < 0 || n >= (int)sizeof(text) ? "?" : text);
+	add(t, more ? more : n < 0 ? "?" : text);
 	free(more);
 }
 
@@ -266,7 +270,7 @@ struct term_table *term_table_free(struct term_table *t)
 	if (t->term.on)
 		flush(t);
 	if (t->lost)
-		fputs("There is no memory for all of this list.\n", t->out);
+		term_lose();
 	free(t->cell);
 	free(t);
 	return NULL;

@@ -35,7 +35,7 @@ struct term_column {
 
 struct term_table;
 
-/* NULL: no memory; all calls take that, and print nothing. At most TERM_TABLE_COLUMNS columns. */
+/* NULL: no memory (term_lose); all calls take that, and print nothing. At most TERM_TABLE_COLUMNS columns. */
 struct term_table *term_table_new(FILE *, const struct term_column *, unsigned n);
 void term_table_text(struct term_table *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 void term_table_count(struct term_table *, uint64_t n); /* 1,234,567 */
@@ -44,8 +44,7 @@ void term_table_size(struct term_table *, uint64_t bytes);
 void term_table_time(struct term_table *, int64_t us);     /* since 1970; 0 is none */
 void term_table_none(struct term_table *);                 /* not known: "-" */
 void term_table_tint(struct term_table *, enum term_tint); /* of the next cell */
-/* Prints the rows that are kept back and the table's end, which says so if there was no memory for all rows. Returns NULL; takes
- * NULL. */
+/* Prints the rows that are kept back; term_lose if there was no memory for all. Returns NULL; takes NULL. */
 struct term_table *term_table_free(struct term_table *);
 
 #endif

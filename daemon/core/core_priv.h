@@ -36,7 +36,8 @@ struct core_private {
 		bool querying;           /* a task queries the file systems */
 		struct disk_query query;
 		uint64_t queried_ns;   /* when it was last submitted */
-		uint64_t remeasure_ns; /* from then on an inexact cache may be measured again */
+		uint64_t remeasure_ns; /* from then on a cache whose use is not exactly known may be measured again */
+		bool unknown;          /* a pass over the cache failed, and none has measured it since; this was logged */
 	} disk;
 	/* limit.c */
 	struct limits {

@@ -2,11 +2,11 @@
  * The file systems, and the folders of the cache.
  *
  * The model: a worker queries the free space of the file systems every two seconds, or every ten while the daemon is idle. The
- * loop never queries them, since a file system may not answer. One task measures the cache after the start, and again if the
- * result is inexact, when nothing is being written; the time between two passes is at least 10 s, and 20 times as long as one
- * takes. A task evicts whenever quota or keep-free are exceeded, also if other programs have filled the disk. If somebody removes
- * a folder of the cache, it is made again under the descriptor that is in use. Its files are derived data, and made again when
- * they are needed.
+ * loop never queries them, since a file system may not answer. One task measures the cache after the start, and again if that
+ * failed, or if the result is inexact, when nothing is being written; the time between two passes is at least 10 s, and 20 times
+ * as long as one takes. A task evicts whenever quota or keep-free are exceeded, also if other programs have filled the disk. If
+ * somebody removes a folder of the cache, it is made again under the descriptor that is in use. Its files are derived data, and
+ * made again when they are needed.
  */
 #include <assert.h>
 #include <errno.h>
@@ -35,22 +35,36 @@ struct cache_work {
 	struct core *core;
 	bool measure;
 	uint64_t took_ns;
+	int r; /* -ERR_CANCELLED until it has run */
+	struct err err;
 };
 
 static void cache_work_run(struct sched_task *t)
 {
 	struct cache_work *x = (struct cache_work *)t;
-	struct err err = ERR_INIT;
 	uint64_t bytes, entries, begun_ns = clock_mono_ns();
-	int r = x->measure ? space_measure(x->core->space, &t->cancel, &err) : 0;
+	int r = x->measure ? space_measure(x->core->space, &t->cancel, &x->err) : 0;
 
 	x->took_ns = clock_mono_ns() - begun_ns;
 	if (!r)
 		space_query(x->core->space);
 	if (!r && space_is_exceeded(x->core->space))
-		r = space_evict(x->core->space, false, &bytes, &entries, &err);
-	if (r && r != -ERR_CANCELLED)
-		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "the cache cannot be examined", &err);
+		r = space_evict(x->core->space, false, &bytes, &entries, &x->err);
+	x->r = r;
+}
+
+/* Logged once when it begins, and once when it ends. */
+static void set_unknown(struct disk *d, const struct cache_work *x)
+{
+	bool failed = x->r && x->r != -ERR_CANCELLED;
+
+	if (failed && !d->unknown)
+		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "the cache cannot be examined", &x->err);
+	else if (d->unknown && x->measure && !x->r)
+		log_notice("the cache can be examined again");
+	else
+		return;
+	d->unknown = failed;
 }
 
 static void cache_work_done(struct sched_task *t)
@@ -61,6 +75,7 @@ static void cache_work_done(struct sched_task *t)
 
 	core_background_done(x->core);
 	d->work = NULL;
+	set_unknown(d, x);
 	if (x->measure)
 		d->remeasure_ns = clock_mono_ns() + (pause_ns > REMEASURE_NS ? pause_ns : REMEASURE_NS);
 	free(x);
@@ -79,6 +94,8 @@ static void submit_cache_work(struct core *core, bool measure)
 				      .lengthy = true};
 	x->core = core;
 	x->measure = measure;
+	x->r = -ERR_CANCELLED;
+	x->err = ERR_INIT;
 	core->priv->disk.work = &x->task;
 	core_background(core, &x->task);
 }
@@ -193,7 +210,7 @@ void disk_tick(struct core *core, bool active)
 	disk_restore_folders(core);
 	active |= sched_busy(core->p.sched) > 0;
 	if (!core->stopping && !d->work &&
-	    (!d->measured || (clock_mono_ns() >= d->remeasure_ns && space_is_inexact(core->space)))) {
+	    (!d->measured || (clock_mono_ns() >= d->remeasure_ns && (d->unknown || space_is_inexact(core->space))))) {
 		d->measured = true;
 		submit_cache_work(core, true);
 	}

@@ -211,7 +211,7 @@ def doctor_compares_clocks():
 
 
 def doctor_knows_of_interrupted_pushes():
-    """A push of which a file is durable and whose client goes; then six and a half days."""
+    """A push of which a file is durable and whose client goes; six and a half days later another one."""
     if e2e.sanitized():
         print("skipped: a sanitizer comes before a preload")
         return
@@ -232,7 +232,10 @@ def doctor_knows_of_interrupted_pushes():
         env = {"LD_PRELOAD": lib, "CLOCK_SHIFT": str(int(6.5 * 86400))}
         d.env.update(env)
         d.start()
-        expect("12 hours" in doctor(d, 0, env=env, pushes="warning")["pushes"]["message"], "when")
+        resume.Half(d, "more", paths, 1).vanish()
+        resume.wait_for(lambda: value(metrics(d), "acut_pushes_pending") == 2, "not pending")
+        expect("2 interrupted pushes wait, the first is removed in 12 hours" in
+               doctor(d, 0, env=env, pushes="warning")["pushes"]["message"], "when")
 
 
 def doctor_names_a_file_that_hangs():

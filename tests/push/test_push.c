@@ -207,10 +207,7 @@ static ino_t inode_of(int fd)
 static void unreadable_file(void **state)
 {
 	int bad = text_file(3000, 11), good = text_file(100, 12);
-	struct io_table table = io_system;
 
-	table.pread = failing_pread;
-	io = &table;
 	begin("three");
 	unreadable = inode_of(bad);
 	reads_left = 0;
@@ -235,7 +232,6 @@ static void unreadable_file(void **state)
 	assert_int_equal(got.why.code, 0);
 	ask(push_commit(got.push, NULL));
 	assert_int_equal(got.why.code, 0);
-	io = &io_system;
 	push_leave(got.push);
 	turn_until(!service_active(h.service));
 	struct job *job = submit(got.committed.dataset, false, VIEW);
@@ -275,6 +271,9 @@ int main(void)
 		TEST(failed_commit),
 		cmocka_unit_test(many_parts_in_few_readings),
 	};
+	struct io_table table = io_system;
 
+	table.pread = failing_pread;
+	io = &table; /* while there is no other thread */
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,149 +1,9 @@
 /*
  * Pending pushes and the pushes after them: what a push does not name stays, what it names is not read again, and each file is in
- * the dataset once.
+ * the dataset once. What they cost: time, bytes of the disk, and calls.
  */
-#include <errno.h>
-
-#include "fixture.h"
-#include "dataset_priv.h"
-#include "io.h"
 #include "grid_merge.h"
-#include "log.h"
-
-enum { FILES = 6, EACH = 400 };
-
-static int fd[FILES];
-static enum push_known_as known[FILES];
-
-static const struct peer bert = {.uid = 1001, .pid = 2};
-
-static const struct push_input *input_of(unsigned i)
-{
-	static char name[FILES][16];
-	static struct push_input input[FILES];
-
-	snprintf(name[i], sizeof name[i], "/%u.xyz", i);
-	input[i].name = input[i].path = name[i];
-	return &input[i];
-}
-
-static void begin_as(const struct push_params *in)
-{
-	memset(&got, 0, sizeof got);
-	got.why = ERR_INIT;
-	ask(push_begin(h.service->pushes, in, NULL));
-	assert_int_equal(got.why.code, 0);
-}
-
-static void begin_of(const struct peer *who)
-{
-	begin_as(&(struct push_params){.dataset = "a", .peer = *who, .calls = &calls, .has_mode = true, .mode = 0666});
-}
-
-static enum push_known_as probe(unsigned i)
-{
-	ask(push_probe(got.push, dup(fd[i]), input_of(i), NULL));
-	assert_int_equal(got.why.code, 0);
-	return known[i] = got.known;
-}
-
-/* Files of this push, as digits; it has begun. Those from `late` on are not staged. */
-static void stage(const char *files, char late)
-{
-	bool any = false;
-
-	for (const char *f = files; *f; f++)
-		any |= probe((unsigned)(*f - '0')) == PUSH_NEW;
-	if (any)
-		ask(push_plan(got.push, NULL));
-	assert_int_equal(got.why.code, 0);
-	for (const char *f = files; *f; f++) {
-		unsigned i = (unsigned)(*f - '0');
-
-		if (known[i] != PUSH_NEW || *f >= late)
-			continue;
-		ask(push_file(got.push, dup(fd[i]), input_of(i), NULL));
-		assert_int_equal(got.why.code, 0);
-	}
-}
-
-static void leave(void)
-{
-	push_leave(got.push);
-	turn_until(!pushes_open(h.service->pushes));
-}
-
-static void interrupt(const char *files)
-{
-	begin_of(&me);
-	stage(files, '9');
-	leave();
-}
-
-static void commit(void)
-{
-	ask(push_commit(got.push, NULL));
-	if (got.why.code)
-		fail_msg("%s %s", got.why.file, got.why.message);
-	dataset_release(got.committed.dataset);
-	leave();
-}
-
-static void push_all(const char *files)
-{
-	begin_of(&me);
-	stage(files, '9');
-	commit();
-}
-
-static struct dataset_info info(void)
-{
-	struct dataset *d = dataset_find(h.service->datasets, "a", &me);
-	struct dataset_info ret;
-
-	assert_non_null(d);
-	dataset_info(d, &ret);
-	return ret;
-}
-
-/* Pending pushes with so many files, and points of the dataset, in files. */
-static void expect(unsigned pushes, unsigned files, unsigned in)
-{
-	assert_int_equal(info().pending, pushes);
-	assert_int_equal(info().pending_files, files);
-	assert_int_equal(info().pending_points, files * EACH);
-	assert_int_equal(info().points, in * EACH);
-}
-
-static void expect_known(const char *files, enum push_known_as as)
-{
-	for (const char *f = files; *f; f++)
-		assert_int_equal(known[*f - '0'], as);
-}
-
-static void restart(void)
-{
-	close_service();
-	open_service(UINT64_C(32) << 20, 2);
-}
-
-/* No file is left but those of the newest manifest. */
-static void no_leftovers(void)
-{
-	char path[128];
-	DIR *dir;
-	struct dirent *e;
-
-	turn_until(!service_active(h.service));
-	snprintf(path, sizeof path, "%s/datasets/1", h.folder);
-	dir = opendir(path);
-	assert_non_null(dir);
-	while ((e = readdir(dir)))
-		if (strstr(e->d_name, ".pending") || strstr(e->d_name, ".run") || strstr(e->d_name, ".stage") ||
-		    strstr(e->d_name, ".tmp") || strstr(e->d_name, ".lines-"))
-			fail_msg("left behind: %s", e->d_name);
-	closedir(dir);
-}
+#include "pending.h"
 
 /* Into a dataset without points, and into one with some; with a restart before each step, and without. */
 static void test_unrelated(void **state)
@@ -223,8 +83,7 @@ static void test_partly_named(void **state)
 static void test_lines(void **state)
 {
 	for (unsigned i = 0; i < 3; i++) {
-		close(fd[i]);
-		fd[i] = lines_file(8, i);
+		replace_file(i, lines_file(8, i));
 	}
 	interrupt("0134");
 	push_all("03");
@@ -238,17 +97,6 @@ static void test_lines(void **state)
 	assert_int_equal(info().pending, 0);
 	assert_int_equal(info().files, 5);
 	no_leftovers();
-}
-
-static int open_folder(void)
-{
-	char path[128];
-	int dirfd;
-
-	snprintf(path, sizeof path, "%s/datasets/1", h.folder);
-	dirfd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-	assert_true(dirfd >= 0);
-	return dirfd;
 }
 
 /* The segment of points of push `id` has those of so many files. */
@@ -274,8 +122,7 @@ static void expect_segment(unsigned id, unsigned files)
 /* A commit whose line set needs more memory than it was first given begins again, and leaves out again what was not named. */
 static void test_lines_again(void **state)
 {
-	close(fd[3]);
-	fd[3] = lines_file(600, 3);
+	replace_file(3, lines_file(600, 3));
 	close_service();
 	open_service(UINT64_C(64) << 20, 2);
 	interrupt("012");
@@ -338,7 +185,7 @@ static void test_wrong_points(void **state)
 	grid_manifest_free(m);
 	close(dirfd);
 	begin_of(&me);
-	stage("01", '9');
+	stage("01");
 	expect_known("01", PUSH_ADOPTED);
 	ask(push_commit(got.push, NULL));
 	assert_int_equal(got.why.code, ERR_CORRUPT);
@@ -380,7 +227,7 @@ static void test_aborted(void **state)
 {
 	interrupt("012");
 	begin_of(&me);
-	stage("014", '9');
+	stage("014");
 	expect_known("01", PUSH_ADOPTED);
 	ask(push_abort(got.push, NULL));
 	leave();
@@ -462,7 +309,7 @@ static void test_superseded(void **state)
 	push_all("5");
 	interrupt("01");
 	begin_as(&(struct push_params){.dataset = "a", .peer = me, .calls = &calls, .says = {.planar = true}});
-	stage("0", '9');
+	stage("0");
 	expect_known("0", PUSH_NEW);
 	commit();
 	/* Half of it: it may still be continued. */
@@ -473,7 +320,7 @@ static void test_superseded(void **state)
 	expect(0, 0, 3);
 	interrupt("23");
 	begin_as(&(struct push_params){.dataset = "a", .peer = me, .calls = &calls, .says = {.planar = true}});
-	stage("23", '9');
+	stage("23");
 	expect_known("23", PUSH_NEW);
 	commit();
 	expect(0, 0, 5);
@@ -486,7 +333,10 @@ static void test_named_twice(void **state)
 	push_all("5");
 	interrupt("1");
 	begin_as(&(struct push_params){.dataset = "a", .peer = me, .calls = &calls, .says = {.planar = true}});
-	stage("112", '1');
+	probe(1);
+	probe(1);
+	probe(2);
+	ask(push_plan(got.push, NULL));
 	ask(push_file(got.push, dup(fd[2]), input_of(2), NULL));
 	assert_int_equal(got.why.code, 0);
 	commit();
@@ -498,9 +348,7 @@ static void test_named_twice(void **state)
 
 static void test_two_users(void **state)
 {
-	begin_of(&bert);
-	stage("01", '9');
-	leave();
+	interrupt_of(&bert, "01");
 	interrupt("12");
 	expect(2, 4, 0);
 	push_all("0123");
@@ -508,218 +356,11 @@ static void test_two_users(void **state)
 	expect_known("03", PUSH_NEW);
 	/* On the lattice of the other one, who can go on. */
 	expect(1, 2, 4);
-	begin_of(&bert);
-	stage("014", '9');
+	push_of(&bert, "014");
 	expect_known("01", PUSH_KNOWN);
-	commit();
 	/* The dataset has all of them. */
 	expect(0, 0, 5);
 	no_leftovers();
-}
-
-static struct discarded discarded;
-
-static void on_discarded(void *token, const struct err *why, const struct discarded *d)
-{
-	*(int *)token = why ? -(int)why->code : 1;
-	discarded = *d;
-}
-
-/* Expects that so many pushes with so many files are gone. */
-static void discard(const struct peer *who, bool all, unsigned pushes, unsigned files)
-{
-	int answered = 0;
-
-	dataset_discard(h.service->datasets, "a", who, all, on_discarded, &answered);
-	turn_until(answered);
-	assert_int_equal(answered, 1);
-	assert_int_equal(discarded.pushes, pushes);
-	assert_int_equal(discarded.files, files);
-	assert_int_equal(discarded.bytes > 0, pushes > 0);
-}
-
-static uint64_t counted(void)
-{
-	struct space_stat stat;
-
-	space_stat(h.service->core->space, &stat);
-	return stat.kind[SPACE_PENDING].bytes;
-}
-
-/* Those of one user, or of all; never what an open push has taken over. */
-static void test_discard(void **state)
-{
-	uint64_t dropped = log_event_count(LOG_EVENT_PUSH_DROPPED), ids[2], bytes;
-	struct dataset *d;
-	struct push *open;
-
-	for (unsigned way = 0; way < 2; way++) {
-		push_all("5");
-		discard(&me, true, 0, 0);
-		begin_of(&bert);
-		stage("01", '9');
-		leave();
-		bytes = counted();
-		interrupt("12");
-		interrupt("3");
-		expect(3, 5, 1);
-		begin_of(&me);
-		open = got.push;
-		assert_int_equal(probe(3), PUSH_ADOPTED);
-		expect(2, 4, 1);
-		d = dataset_find(h.service->datasets, "a", &me);
-		assert_int_equal(pushes_into(h.service->pushes, d, me.uid, false, ids, 2), 1);
-		assert_int_equal(pushes_into(h.service->pushes, d, bert.uid, false, ids, 2), 0);
-		assert_int_equal(pushes_into(h.service->pushes, d, bert.uid, true, ids, 2), 1);
-		discard(&me, way, 1 + way, 2 + 2 * way);
-		assert_int_equal(info().pending, !way);
-		discard(&me, way, 0, 0);
-		got.push = open;
-		leave();
-		expect(2 - way, 3 - 2 * way, 1);
-		if (way)
-			restart();
-		discard(&me, false, 1, 1);
-		assert_int_equal(counted(), way ? 0 : bytes);
-		expect(!way, way ? 0 : 2, 1);
-		restart();
-		expect(!way, way ? 0 : 2, 1);
-		push_all("123");
-		expect_known("123", PUSH_NEW);
-		if (!way) {
-			/* The other one's is whole. */
-			begin_of(&bert);
-			stage("01", '9');
-			expect_known("0", PUSH_ADOPTED);
-			commit();
-		}
-		expect(0, 0, 5 - way);
-		no_leftovers();
-		teardown(state);
-		setup(state);
-	}
-	assert_int_equal(log_event_count(LOG_EVENT_PUSH_DROPPED), dropped + 5);
-}
-
-static int removals;
-
-static void on_removed(void *token, const struct err *why, struct dataset *d)
-{
-	assert_null(why);
-	removals++;
-}
-
-/* The user of a pending push in a removed dataset reaches it by the name, also if another dataset has that now, of the same owner
- * or of another one. */
-static void test_discard_removed(void **state)
-{
-	const struct dataset_action_params remove = {.action = DATASET_REMOVE, .name = "a", .as = "", .peer = me};
-	const struct peer other = {.uid = 1002, .pid = 3};
-	int answered;
-	uint64_t bytes;
-
-	for (unsigned way = 0; way < 3; way++) {
-		if (way)
-			push_all("5");
-		interrupt("2");
-		begin_of(&bert);
-		stage("01", '9');
-		leave();
-		removals = 0;
-		dataset_act(h.service->datasets, &remove, on_removed, NULL);
-		turn_until(removals);
-		restart();
-		bytes = counted();
-		assert_true(bytes > 0);
-		/* One who has none does not learn of it. */
-		for (unsigned all = 0; all < 2; all++) {
-			answered = 0;
-			dataset_discard(h.service->datasets, "a", &other, all, on_discarded, &answered);
-			turn_until(answered);
-			assert_int_equal(answered, -ERR_NOTFOUND);
-		}
-		if (way == 1)
-			push_all("3");
-		if (way == 2) {
-			begin_of(&bert);
-			stage("3", '9');
-			commit();
-			answered = 0;
-			dataset_discard(h.service->datasets, "a", &me, true, on_discarded, &answered);
-			turn_until(answered);
-			assert_int_equal(answered, -ERR_PERM);
-			assert_int_equal(discarded.pushes, 0);
-			assert_int_equal(counted(), bytes);
-		}
-		discard(&bert, false, 1, 2);
-		assert_true(counted() > 0 && counted() < bytes);
-		discard(&me, way < 2, 1, 1);
-		assert_int_equal(counted(), 0);
-		/* Without a generation it goes, too. */
-		turn_until(!service_active(h.service));
-		assert_int_equal(datasets_first(h.service->datasets) != NULL, way > 0);
-		restart();
-		assert_int_equal(datasets_first(h.service->datasets) != NULL, way > 0);
-		teardown(state);
-		setup(state);
-	}
-}
-
-static int no_unlink(int dirfd, const char *path, int flags)
-{
-	if (strstr(path, "push-")) {
-		errno = EIO;
-		return -1;
-	}
-	return unlinkat(dirfd, path, flags);
-}
-
-/* What cannot be removed is pending as before, and nothing is said to be discarded. */
-static void test_discard_fails(void **state)
-{
-	uint64_t dropped = log_event_count(LOG_EVENT_PUSH_DROPPED), bytes;
-	struct io_table table = io_system;
-	int answered = 0;
-
-	interrupt("01");
-	interrupt("2");
-	bytes = counted();
-	table.unlinkat = no_unlink;
-	io = &table;
-	dataset_discard(h.service->datasets, "a", &me, false, on_discarded, &answered);
-	expect(0, 0, 0);
-	turn_until(answered);
-	io = &io_system;
-	assert_int_equal(answered, -ERR_IO);
-	expect(2, 3, 0);
-	assert_int_equal(counted(), bytes);
-	assert_int_equal(log_event_count(LOG_EVENT_PUSH_DROPPED), dropped);
-	push_all("01");
-	expect_known("01", PUSH_ADOPTED);
-	discard(&me, false, 1, 1);
-	expect(0, 0, 2);
-	no_leftovers();
-}
-
-/* The oldest of more than a user may have is dropped; another user has as many. */
-static void test_most(void **state)
-{
-	uint64_t dropped = log_event_count(LOG_EVENT_PUSH_DROPPED);
-
-	begin_of(&bert);
-	stage("5", '9');
-	leave();
-	interrupt("0");
-	for (unsigned i = 0; i < PENDING_MOST; i++) {
-		close(fd[1]);
-		fd[1] = text_file(EACH, 100 + i);
-		interrupt("1");
-	}
-	turn_until(info().pending == PENDING_MOST + 1);
-	assert_int_equal(log_event_count(LOG_EVENT_PUSH_DROPPED), dropped + 1);
-	push_all("01");
-	expect_known("0", PUSH_NEW);
-	expect_known("1", PUSH_ADOPTED);
 }
 
 /* A commit of a part does not begin the 7 days of the rest anew; an interruption does. */
@@ -746,14 +387,11 @@ static void test_time(void **state)
 static void test_bytes(void **state)
 {
 	struct dataset *d;
-	uint64_t bytes;
 
-	close(fd[0]);
-	fd[0] = text_file(20000, 1);
+	replace_file(0, text_file(20000, 1));
 	interrupt("01");
 	d = dataset_find(h.service->datasets, "a", &me);
-	bytes = d->pending->bytes;
-	assert_true(bytes >= 20400 * 16);
+	assert_true(d->pending->bytes >= 20400 * 16);
 	push_all("0");
 	assert_int_equal(d->pending->points, EACH);
 	assert_true(d->pending->bytes >= 20400 * 16);
@@ -769,13 +407,12 @@ static void test_space(void **state)
 	struct space_stat first, status;
 	uint64_t held;
 
-	close(fd[0]);
-	fd[0] = text_file(20000, 1);
+	replace_file(0, text_file(20000, 1));
 	interrupt("01");
 	held = dataset_find(h.service->datasets, "a", &me)->pending->bytes;
 	space_stat(h.service->core->space, &first);
 	begin_of(&me);
-	stage("12", '9');
+	stage("12");
 	expect_known("1", PUSH_ADOPTED);
 	assert_true(atomic_load(&got.push->space.taken) < held);
 	space_stat(h.service->core->space, &status);
@@ -798,59 +435,27 @@ static int count_openat(int dirfd, const char *path, int flags, mode_t mode)
 /* Whoever goes on and is interrupted again opens each run three times: for the look, to resume, and at the end; and makes one. */
 static void test_opens(void **state)
 {
-	struct io_table table = io_system;
-
-	table.openat = count_openat;
 	interrupt("0");
 	for (unsigned i = 1; i < FILES; i++) {
-		io = &table;
 		opens = 0;
 		interrupt((char[]){'0', (char)('0' + i), '\0'});
-		io = &io_system;
 		assert_int_equal(opens, 3 * i + 2);
 	}
 	expect(1, FILES, 0);
 }
 
-static int open_files(void **state)
-{
-	for (unsigned i = 0; i < FILES; i++)
-		fd[i] = text_file(EACH, 10 + i);
-	return setup(state);
-}
-
-static int close_files(void **state)
-{
-	for (unsigned i = 0; i < FILES; i++)
-		close(fd[i]);
-	return teardown(state);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test_setup_teardown(test_unrelated, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_partly_named, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_lines, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_lines_again, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_many_runs, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_wrong_points, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_crash, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_aborted, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_two_at_once, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_each_its_own, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_superseded, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_named_twice, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_two_users, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_discard, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_discard_fails, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_discard_removed, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_most, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_time, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_bytes, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_space, open_files, close_files),
-		cmocka_unit_test_setup_teardown(test_opens, open_files, close_files),
+		TEST(test_unrelated),   TEST(test_partly_named), TEST(test_lines),      TEST(test_lines_again),
+		TEST(test_many_runs),   TEST(test_wrong_points), TEST(test_crash),      TEST(test_aborted),
+		TEST(test_two_at_once), TEST(test_each_its_own), TEST(test_superseded), TEST(test_named_twice),
+		TEST(test_two_users),   TEST(test_time),         TEST(test_bytes),      TEST(test_space),
+		TEST(test_opens),
 	};
+	struct io_table table = io_system;
 
+	table.openat = count_openat;
+	io = &table; /* while there is no other thread */
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

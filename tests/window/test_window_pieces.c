@@ -153,21 +153,36 @@ static struct sum mesh(const struct cut_source *of, const struct view *in, const
 	return sum;
 }
 
+/* In the order of the plane's halvings: the emitter numbers vertices in it, and has few that are open when neighbours follow each
+ * other. */
+static void plan_of(const struct cut_source *of, const struct view *in, unsigned pieces, struct cut_plan *ret)
+{
+	struct point before = {0}, corner;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(window_plan_from(of, in, CAP, pieces, ret, &err), 0);
+	for (size_t i = 0; i < ret->n; i++, before = corner) {
+		const struct cut_region *r = &ret->leaf[i].region;
+
+		corner = (struct point){.x = (int32_t)(r->x ^ 1u << 31), .y = (int32_t)(r->y ^ 1u << 31)};
+		assert_true(!i || point_compare(&before, &corner) < 0);
+	}
+}
+
 static void divides(void **state)
 {
 	struct cut_plan one, plan;
-	struct err err = ERR_INIT;
 	struct sum whole, parts;
 
 	(void)state;
-	assert_int_equal(window_plan_from(&src, &view, CAP, 1, &one, &err), 0);
+	plan_of(&src, &view, 1, &one);
 	assert_int_equal(one.n, 1);
 	whole = mesh(&src, &view, &one);
 	assert_in_range(whole.triangles, 400000, 500000);
 	for (unsigned pieces = 2; pieces <= 8; pieces *= 2) {
 		uint64_t most = 0;
 
-		assert_int_equal(window_plan_from(&src, &view, CAP, pieces, &plan, &err), 0);
+		plan_of(&src, &view, pieces, &plan);
 		assert_in_range(plan.n, pieces / 2 + 1, 2 * pieces + 2);
 		for (size_t i = 0; i < plan.n; i++)
 			most = plan.leaf[i].count > most ? plan.leaf[i].count : most;
@@ -186,51 +201,59 @@ static void small(void **state)
 {
 	const struct view little = {.window = VIEW_CROP_BOX, .window_box = {9000, 9000, 11500, 11500}};
 	struct cut_plan plan;
-	struct err err = ERR_INIT;
 
 	(void)state;
-	assert_int_equal(window_plan_from(&src, &little, CAP, 8, &plan, &err), 0);
+	plan_of(&src, &little, 8, &plan);
 	assert_int_equal(plan.n, 1);
 	assert_in_range(plan.leaf[0].count, 9000, 1 << 14);
 	cut_plan_done(&plan);
 }
 
-/* A survey in the lower corner of what the window has of the plane, because the window reaches further or a point lies far off,
- * is shared by the threads as one that fills the window. Only a few pieces have no positions. */
+/* A survey in the lower or upper corner of what the window has of the plane, because the window reaches further or a point lies
+ * far off, is shared by the threads as one that fills the window. Only a few pieces have no positions. */
 static void far_points(void **state)
 {
-	enum { COUNT = 200000, SIDE = 1 << 14, TIMES = 16 };
-	static struct point pts[COUNT + 1];
-	struct tiling t = {.pts = {pts}, .segments = 1, .cell_records = 1000};
-	struct err err = ERR_INIT;
+	enum { COUNT = 200000, SIDE = 1 << 14, TIMES = 16, LAST = TIMES * SIDE - 1 };
+	static struct point lower[COUNT + 1], upper[COUNT + 1];
+	struct tiling t = {.n = {COUNT + 1}, .segments = 1, .cell_records = 1000};
 	struct cut_source far;
-	struct cut_plan plan;
+	struct cut_plan one, plan;
 	uint64_t seed = 1;
 
 	(void)state;
 	for (int i = 0; i < COUNT; i++) {
-		pts[i].x = (int32_t)(random_next(&seed) % SIDE);
-		pts[i].y = (int32_t)(random_next(&seed) % SIDE);
+		lower[i].x = (int32_t)(random_next(&seed) % SIDE);
+		lower[i].y = (int32_t)(random_next(&seed) % SIDE);
 	}
-	qsort(pts, COUNT, sizeof *pts, by_place);
-	pts[COUNT] = (struct point){.x = TIMES * SIDE - 1, .y = TIMES * SIDE - 1};
+	qsort(lower, COUNT, sizeof *lower, by_place);
 	tiling_source(&t, &far);
 	for (int times = 2; times <= TIMES; times *= 2)
-		for (int stray = 0; stray < 2; stray++) {
+		for (unsigned way = 0; way < 4; way++) {
+			const bool stray = way & 1, up = way & 2;
+			const int32_t reach = times * SIDE - 1, from = up ? LAST - reach : 0;
 			const struct view reaching = {.window = VIEW_CROP_BOX,
-						      .window_box = {0, 0, times * SIDE - 1, times * SIDE - 1}};
+						      .window_box = {from, from, from + reach, from + reach}};
 			size_t with = 0;
 
 			/* The far point makes the data reach as far as the window, or is itself in it. */
-			pts[COUNT].x = pts[COUNT].y = (stray ? times : TIMES) * SIDE - 1;
-			t.n[0] = COUNT + 1;
-			assert_int_equal(window_plan_from(&far, &reaching, CAP, 8, &plan, &err), 0);
+			lower[COUNT].x = lower[COUNT].y = stray ? reach : LAST;
+			for (int i = 0; i <= COUNT; i++)
+				upper[COUNT - i] = (struct point){.x = LAST - lower[i].x, .y = LAST - lower[i].y};
+			t.pts[0] = up ? upper : lower;
+			plan_of(&far, &reaching, 8, &plan);
 			for (size_t i = 0; i < plan.n; i++) {
 				assert_in_range(plan.leaf[i].count, 0, COUNT / 4);
 				with += plan.leaf[i].count > 1;
 			}
 			assert_in_range(with, 8, 12);
 			assert_in_range(plan.n - with, 0, 9);
+			if (stray && times == 4) {
+				plan_of(&far, &reaching, 1, &one);
+				assert_int_equal(one.n, 1);
+				assert_true(
+					digest_equal(mesh(&far, &reaching, &plan).digest, mesh(&far, &reaching, &one).digest));
+				cut_plan_done(&one);
+			}
 			cut_plan_done(&plan);
 		}
 }
@@ -243,7 +266,6 @@ static void far_clusters(void **state)
 	static struct point pts[2 * CLUSTER];
 	const struct view nearly = {.window = VIEW_CROP_BOX, .window_box = {1000 - FAR, 1000 - FAR, FAR - 1000, FAR - 1000}};
 	struct tiling t = {.pts = {pts}, .n = {2 * CLUSTER}, .segments = 1, .cell_records = 1000};
-	struct err err = ERR_INIT;
 	struct cut_source far;
 	struct cut_plan plan;
 	const struct view left = {.window = VIEW_CROP_BOX, .window_box = {-FAR, -FAR, 2 * SIDE - 1 - FAR, SIDE - 1 - FAR}};
@@ -258,14 +280,14 @@ static void far_clusters(void **state)
 	}
 	qsort(pts, 2 * CLUSTER, sizeof *pts, by_place);
 	tiling_source(&t, &far);
-	assert_int_equal(window_plan_from(&far, &nearly, CAP, 8, &plan, &err), 0);
+	plan_of(&far, &nearly, 8, &plan);
 	assert_int_equal(plan.n, 2);
 	assert_in_range(mesh(&far, &nearly, &plan).triangles, 75000, 80000);
 	assert_in_range(t.read_points, 2 * CLUSTER, 3 * CLUSTER);
 	cut_plan_done(&plan);
 
 	/* With as much space beside it, one of them is divided. */
-	assert_int_equal(window_plan_from(&far, &left, CAP, 8, &plan, &err), 0);
+	plan_of(&far, &left, 8, &plan);
 	assert_in_range(plan.n, 3, 4);
 	cut_plan_done(&plan);
 }

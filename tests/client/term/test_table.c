@@ -7,12 +7,14 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
+#include <sys/wait.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include <cmocka.h>
 
-#include "term_table.h"
+#include "console.h"
+#include "err.h"
 
 static void safe_is(const char *text, const char *wanted)
 {
@@ -167,14 +169,14 @@ static void test_terminal(void **state)
 	assert_null(strstr(shown(80), "\033"));
 }
 
-static size_t refused; /* bytes that malloc does not give */
+static size_t refused; /* bytes that malloc does not give; SIZE_MAX: any */
 
 void *__real_malloc(size_t size);
 void *__wrap_malloc(size_t size);
 
 void *__wrap_malloc(size_t size)
 {
-	return size == refused ? NULL : __real_malloc(size);
+	return size == refused || refused == SIZE_MAX ? NULL : __real_malloc(size);
 }
 
 /* Without memory for the first cell of the second row: the later ones do not move into its place. */
@@ -188,14 +190,62 @@ static void test_no_memory(void **state)
 	refused = 0;
 	assert_non_null(strstr(text, "1,234,567"));
 	text = strchr(strstr(text, "1,234,567"), '\n');
-	assert_string_equal(text, "\nThere is no memory for all of this list.\n");
+	assert_string_equal(text, "\n");
+}
+
+static void table_on_terminal(void)
+{
+	shown(100);
+}
+
+static void no_table(void)
+{
+	term_table_free(term_table_new(stdout, columns, 5));
+}
+
+static void one_text(void)
+{
+	term_put(stdout, "tab\there");
+}
+
+/* The exit status of a program that would end with `status`, and has no memory for `size` bytes while it prints. */
+static int status_without(size_t size, void (*print)(void), int status)
+{
+	struct console console = {.program = "test", .report = stdout};
+	pid_t child = fork();
+
+	if (!child) {
+		refused = size;
+		print();
+		refused = 0;
+		_exit(console_end(&console, status));
+	}
+	assert_int_equal(waitpid(child, &status, 0), child);
+	assert_true(WIFEXITED(status));
+	return WEXITSTATUS(status);
+}
+
+/* A list that is not whole does not look as if it were. */
+static void test_lost(void **state)
+{
+	const size_t cell = 4 * strlen("tab\there") + 4;
+	int none = err_exit_status(ERR_NOMEM);
+
+	(void)state;
+	assert_true(none > 0);
+	assert_int_equal(status_without(0, table_on_terminal, 0), 0);
+	assert_int_equal(status_without(cell, table_on_terminal, 0), none);
+	assert_int_equal(status_without(cell, table_on_terminal, none + 1), none + 1);
+	assert_int_equal(status_without(SIZE_MAX, no_table, 0), none);
+	assert_int_equal(status_without(cell, one_text, 0), none);
 }
 
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_safe),  cmocka_unit_test(test_columns),  cmocka_unit_test(test_shorten),
-		cmocka_unit_test(test_plain), cmocka_unit_test(test_terminal), cmocka_unit_test(test_no_memory),
+		cmocka_unit_test(test_safe),      cmocka_unit_test(test_columns),  cmocka_unit_test(test_shorten),
+		cmocka_unit_test(test_plain),     cmocka_unit_test(test_terminal), cmocka_unit_test(test_lost),
+		cmocka_unit_test(test_no_memory),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
