@@ -2,7 +2,7 @@
  * Rewrites segments of a dataset, for a merge or a prune.
  *
  * The model: a worker reads the newest manifest and chooses segments. A row in the catalogue then says that something is made in
- * that folder, so the next start sweeps it. A worker makes the new segments at the lowest priority, in pieces of some hundredths
+ * that folder, so the next start sweeps it. A worker makes the new segments at the lowest priority, in pieces of some thousandths
  * of a second; each is durable when it has its name. Then a change (dataset_change.c) makes the next manifest from the newest
  * one, whatever was committed meanwhile; it differs in these segments only. The old segments are removed when nobody opens them
  * (dataset_obsolete.c), and the row with them. Until the catalogue has the new manifest nothing has changed: the new segments are
@@ -21,7 +21,7 @@
 #include "io.h"
 #include "log.h"
 
-#define PIECE_SECONDS 0.05
+#define PIECE_SECONDS 0.005
 
 static struct dataset_rewrite *of_task(struct sched_task *t)
 {

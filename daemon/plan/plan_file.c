@@ -3,12 +3,12 @@
  *
  * A file is records of PLAN_RECORD bytes: a header, the leaves of the plan as it was made, then three records for each
  * split: the region that was split and its halves. Each record ends with its own checksum, and the header has a
- * digest of all leaves. The file appears complete (temporary name, fsync, rename). A split is appended, and durable
- * before one of its halves is triangulated. An incomplete split at the end of the file is ignored: no block of its halves
- * was sent. A run that sends no blocks does not wait for the disk; whoever reads its plan later calls fsync first. Two
- * concurrent runs may append the same split; the second one finds no region to split. Records of finished domains stand
- * between the splits, and nothing waits for them: the fsync of a split makes all records before it durable. The first
- * incomplete record ends the file.
+ * digest of all leaves. The file appears complete (temporary name, rename). A run that sends no blocks does not wait for
+ * the disk: plan_file_settle calls fsync before the first block, and plan_file_read before a plan is used again. From then
+ * on a split is durable before one of its halves is triangulated. An incomplete split at the end of the file is ignored: no
+ * block of its halves was sent. Two concurrent runs may append the same split; the second one finds no region to split.
+ * Records of finished domains stand between the splits, and nothing waits for them: the fsync of a split makes all records
+ * before it durable. The first incomplete record ends the file.
  */
 #include "plan_file.h"
 
@@ -176,7 +176,7 @@ static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan
 	return r;
 }
 
-static int write_file(struct plan_file *f, const struct cut_plan *plan, bool settle, struct plan_kept *kept, struct err *err)
+static int write_file(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
 {
 	struct plan_head head = {.job = f->job, .generation = f->generation, .n = plan->n, .kept = *kept};
 	uint8_t record[PLAN_RECORD];
@@ -194,33 +194,29 @@ static int write_file(struct plan_file *f, const struct cut_plan *plan, bool set
 	plan_head_pack(&head, record);
 	if (!r)
 		r = io_write_at(fd, record, PLAN_RECORD, 0, f->name, err);
-	if (!r && settle) {
-		r = io_publish(f->dirfd, fd, temp, f->name, err);
-	} else {
-		if (!r && io->renameat(f->dirfd, temp, f->dirfd, f->name) < 0)
-			r = err_sys(err, errno, "cannot publish %s", f->name);
-		if (r)
-			io->unlinkat(f->dirfd, temp, 0);
-	}
+	if (!r && io->renameat(f->dirfd, temp, f->dirfd, f->name) < 0)
+		r = err_sys(err, errno, "cannot publish %s", f->name);
+	if (r)
+		io->unlinkat(f->dirfd, temp, 0);
 	io_close(fd);
 	if (r)
 		return r;
 	f->size = (plan->n + 1) * PLAN_RECORD;
-	f->settled = settle;
+	f->settled = false;
 	f->fresh = false;
 	kept->base = head.kept.base;
 	return 0;
 }
 
-static int write_plan(struct plan_file *f, const struct cut_plan *plan, bool later, struct plan_kept *kept, struct err *err)
+static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
 {
 	int r;
 
 	if (!f->durable)
-		return write_file(f, plan, false, kept, err);
+		return write_file(f, plan, kept, err);
 	lock_enter(LOCK_PLAN_SWEEP);
 	pthread_rwlock_rdlock(&sweep_lock);
-	r = write_file(f, plan, !later, kept, err);
+	r = write_file(f, plan, kept, err);
 	pthread_rwlock_unlock(&sweep_lock);
 	lock_leave(LOCK_PLAN_SWEEP);
 	return r;
@@ -236,27 +232,17 @@ static int forgive(const struct plan_file *f, int r, struct err *err)
 	return 0;
 }
 
-static int keep(struct plan_file *f, const struct cut_plan *plan, bool later, struct plan_kept *kept, struct err *err)
+int plan_file_write(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
 {
 	int r;
 
 	lock_take(&f->lock);
-	r = forgive(f, write_plan(f, plan, later, kept, err), err);
+	r = forgive(f, write_plan(f, plan, kept, err), err);
 	lock_give(&f->lock);
 	return r;
 }
 
-int plan_file_write(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
-{
-	return keep(f, plan, false, kept, err);
-}
-
-int plan_file_write_later(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
-{
-	return keep(f, plan, true, kept, err);
-}
-
-/* Makes a plan durable before it is used. A file whose fsync failed is removed, so that no later read trusts it. */
+/* A file whose fsync failed is removed, so that no later read trusts it. */
 static int settle(struct plan_file *f, int fd, struct err *err)
 {
 	int r;
@@ -270,6 +256,22 @@ static int settle(struct plan_file *f, int fd, struct err *err)
 		io->unlinkat(f->dirfd, f->name, 0);
 	f->settled = !r;
 	f->fresh = r != 0;
+	return r;
+}
+
+int plan_file_settle(struct plan_file *f, struct err *err)
+{
+	int fd, r = 0;
+
+	lock_take(&f->lock);
+	if (f->durable && !f->settled) {
+		r = io_open(f->dirfd, f->name, O_RDONLY, 0, &fd, err);
+		if (!r) {
+			r = settle(f, fd, err);
+			io_close(fd);
+		}
+	}
+	lock_give(&f->lock);
 	return r;
 }
 

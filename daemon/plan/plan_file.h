@@ -22,7 +22,7 @@ struct plan_kept {
 	struct digest base; /* identifies the cap and the plan before any split */
 };
 
-/* The file is plan-JOB in `dirfd` (borrowed); this call does not touch it. `durable`: a write returns when the file survives
+/* The file is plan-JOB in `dirfd` (borrowed); this call does not touch it. `durable`: a plan that was settled or read survives
  * a crash. The list of splits is charged to the ledger (borrowed; LEDGER_PLAN; NULL: not charged). NULL: no memory. */
 struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable, struct ledger *);
 /* The job is new. A file of its number was left by an earlier job that had no row yet when the daemon crashed; the next
@@ -35,10 +35,11 @@ struct plan_file *plan_file_free(struct plan_file *); /* the file stays; NULL is
  * a crash from then on. PLAN_FILE_ABSENT: there is no plan, or it is damaged; damage is logged, and the caller writes anew. */
 enum { PLAN_FILE_ABSENT = 1 };
 int plan_file_read(struct plan_file *, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen, struct err *err);
-/* Replaces the file and sets kept->base. plan_file_write_later does not wait for the disk: it is for a run that sends no
- * blocks. The plan and its splits become durable when they are read. */
+/* Replaces the file and sets kept->base. Does not wait for the disk. */
 int plan_file_write(struct plan_file *, const struct cut_plan *, struct plan_kept *kept, struct err *err);
-int plan_file_write_later(struct plan_file *, const struct cut_plan *, struct plan_kept *kept, struct err *err);
+/* To be called before each block that leaves: the first time it waits until the plan that was written survives a crash, and
+ * from then on each split does when it is recorded. On failure the plan is lost. */
+int plan_file_settle(struct plan_file *, struct err *err);
 /* Records that `whole` was split into two halves. A known split changes nothing. */
 int plan_file_split(struct plan_file *, const struct cut_region *whole, const struct cut_leaf half[2], struct err *err);
 /* Applies the splits of the list in memory from *seen on to leaves from `least` on. */

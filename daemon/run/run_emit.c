@@ -28,6 +28,9 @@ static void emit_run(struct sched_task *t)
 
 	d->err = ERR_INIT;
 	d->r = run_space_spill(w, &d->err);
+	/* Whoever has a block can continue the stream after a crash. */
+	if (!d->r && w->output && w->file)
+		d->r = plan_file_settle(w->file, &d->err);
 	if (!d->r)
 		d->r = pipe_emit(w->emitter, &d->domain, &d->region, d->domain.triangle ? &sink : NULL, &d->err);
 	if (!d->domain.triangle) {

@@ -36,13 +36,11 @@ int run_plan_read(struct run *w, struct err *err)
 	return r == PLAN_FILE_ABSENT ? 0 : r;
 }
 
+/* No block of it was sent, so nothing has to wait for the disk. */
 static int plan_keep(struct run *w)
 {
 	w->kept = (struct plan_kept){.load = w->budget.load, .cap = w->budget.cap};
-	if (!w->file)
-		return 0;
-	/* No block of it was sent, so nothing has to wait for the disk. */
-	return (w->sums_only && !w->planned ? plan_file_write_later : plan_file_write)(w->file, &w->plan, &w->kept, &w->err);
+	return w->file ? plan_file_write(w->file, &w->plan, &w->kept, &w->err) : 0;
 }
 
 static struct pipe_reuse_params reuse_params(const struct run *w, void *memory, size_t size)

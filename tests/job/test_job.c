@@ -4,9 +4,12 @@
  */
 #include "fixture.h"
 
+#include <limits.h>
 #include <signal.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
+#include "io.h"
 #include "job_priv.h"
 #include "log.h"
 #include "run_priv.h"
@@ -100,6 +103,66 @@ static void many_slow_readers(void **state)
 		run_output_close(&r[i].output, r_freed);
 	turn_until(!service_active(h.service));
 	dataset_release(other);
+	dataset_release(d);
+}
+
+static atomic_int plans_synced, early_blocks;
+
+static int noting_fsync(int fd)
+{
+	char link[32], path[PATH_MAX] = "";
+	int r = io_system.fsync(fd);
+
+	snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
+	if (readlink(link, path, sizeof path - 1) > 0 && strstr(path, "/plan-"))
+		plans_synced++;
+	return r;
+}
+
+static void encode_synced(struct run_output *o, const struct mesh_block *b)
+{
+	early_blocks += plans_synced != 1;
+	r_encode(o, b);
+}
+
+/* The plan of a mesh is durable before its first block leaves, whether it was read or made. Nothing waits for the disk if none
+ * leaves. */
+static void plan_before_block(void **state)
+{
+	static const char *const views[] = {VIEW, "view 1 window=box:-100000,-100000,100000,100000"};
+	static struct reader r; /* static: a failed test ends before the reader */
+	struct run_output_calls waiting = reader_calls;
+	struct io_table table = io_system;
+	struct dataset *d = push("valley", 120000, 1);
+	char name[32];
+
+	(void)state;
+	waiting.encode = encode_synced;
+	table.fsync = noting_fsync;
+	io = &table;
+	for (size_t i = 0; i < sizeof views / sizeof *views; i++) {
+		struct job *job;
+		uint64_t id;
+
+		plans_synced = early_blocks = 0;
+		job = submit(d, false, views[i]);
+		id = info_of(job).id;
+		turn_until_final(job);
+		assert_int_equal(info_of(job).state, JOB_done);
+		assert_int_equal(plans_synced, 0);
+		for (int lost = 0; lost < 2; lost++) {
+			snprintf(name, sizeof name, "plans/plan-%llu", (unsigned long long)id);
+			assert_true(!lost || unlinkat(h.statefd, name, 0) == 0);
+			plans_synced = 0;
+			r = (struct reader){.output.calls = &waiting};
+			job_fetch(job_find(h.service->jobs, id, &me), &r.output);
+			turn_until(r.ends);
+			assert_false(r.failed);
+			assert_true(r.blocks > 0);
+			assert_int_equal(early_blocks, 0);
+		}
+	}
+	io = &io_system;
 	dataset_release(d);
 }
 
@@ -385,6 +448,7 @@ static void selection_cancelled(void **state)
 static int let_teardown(void **state)
 {
 	hold = false;
+	io = &io_system;
 	return teardown(state);
 }
 
@@ -394,6 +458,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		TEST(push_mesh_fetch),
 		TEST(slow_reader_stops_nobody),
+		TEST(plan_before_block),
 		TEST(refused_is_not_run),
 		TEST(reader_gone),
 		TEST(cancel),

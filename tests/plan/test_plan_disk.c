@@ -141,6 +141,8 @@ static void test_failing_disk(void **state)
 			calls = 0;
 			r = plan_file_write(f, &p, &kept, &err);
 			if (!r)
+				r = plan_file_settle(f, &err);
+			if (!r)
 				r = plan_file_split(f, &p.leaf[3].region, half, &err);
 			if (durable && calls >= fail_at)
 				assert_true(r < 0);
@@ -153,8 +155,11 @@ static void test_failing_disk(void **state)
 	cut_plan_done(&p);
 }
 
-/* Writes of an unread plan do not wait for the disk. The first read waits once, and later writes wait again. */
-static void test_later(void **state)
+enum settled_by { BY_READ, BY_SETTLE };
+
+/* Writes of a plan do not wait for the disk until it is read, or its first block leaves: that waits once, and later splits wait.
+ */
+static void check_later(enum settled_by by)
 {
 	struct io_table table = io_system;
 	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
@@ -167,20 +172,49 @@ static void test_later(void **state)
 	table.fsync = failing_fsync;
 	io = &table;
 	calls = fail_at = 0;
-	assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
+	assert_int_equal(plan_file_write(f, &p, &kept, &err), 0);
 	split_leaf(f, &p.leaf[3].region, half);
 	assert_int_equal(calls, 0);
 	for (int again = 0; again < 2; again++) {
-		assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), 0);
-		assert_int_equal(q.n, 10);
-		cut_plan_done(&q);
+		if (by == BY_SETTLE || again)
+			assert_int_equal(plan_file_settle(f, &err), 0);
+		if (by == BY_READ || again) {
+			assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), 0);
+			assert_int_equal(q.n, 10);
+			cut_plan_done(&q);
+		}
 		assert_int_equal(calls, 2);
 	}
 	split_leaf(f, &p.leaf[5].region, half);
 	assert_int_equal(calls, 3);
-	assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
+	assert_int_equal(plan_file_write(f, &p, &kept, &err), 0);
 	split_leaf(f, &p.leaf[4].region, half);
 	assert_int_equal(calls, 3);
+	io = &io_system;
+	cut_plan_done(&p);
+	plan_file_free(f);
+}
+
+static void test_later(void **state)
+{
+	check_later(BY_READ);
+	check_later(BY_SETTLE);
+}
+
+/* A plan that is not durable waits for no disk at all. */
+static void test_settle_temporary(void **state)
+{
+	struct io_table table = io_system;
+	struct plan_file *f = plan_file_new(dirfd, 7, 3, false, NULL);
+	struct cut_plan p = plan_of(9);
+	struct err err = ERR_INIT;
+
+	write_plan(f, &p, 600);
+	table.fsync = failing_fsync;
+	io = &table;
+	calls = fail_at = 0;
+	assert_int_equal(plan_file_settle(f, &err), 0);
+	assert_int_equal(calls, 0);
 	io = &io_system;
 	cut_plan_done(&p);
 	plan_file_free(f);
@@ -195,7 +229,8 @@ static void test_later_lost(void **state)
 
 	table.fsync = failing_fsync;
 	io = &table;
-	for (fail_at = 1; fail_at <= 2; fail_at++) {
+	for (int i = 0; i < 4; i++) {
+		const bool settle = i / 2;
 		struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
 		struct plan_done d = done_of(&p.leaf[2], 9);
 		struct cut_leaf half[2];
@@ -204,8 +239,9 @@ static void test_later_lost(void **state)
 		size_t seen;
 
 		calls = 0;
-		assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
-		assert_true(plan_file_read(f, &q, &kept, &seen, &err) < 0);
+		fail_at = 1 + i % 2;
+		assert_int_equal(plan_file_write(f, &p, &kept, &err), 0);
+		assert_true((settle ? plan_file_settle(f, &err) : plan_file_read(f, &q, &kept, &seen, &err)) < 0);
 		assert_false(is_there("plan-7"));
 		assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), PLAN_FILE_ABSENT);
 		split_leaf(f, &p.leaf[3].region, half);
@@ -236,7 +272,7 @@ static void test_later_lost_stays(void **state)
 	io = &table;
 	calls = 0;
 	fail_at = 1;
-	assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
+	assert_int_equal(plan_file_write(f, &p, &kept, &err), 0);
 	for (int again = 0; again < 2; again++)
 		assert_true(plan_file_read(f, &q, &kept, &seen, &err) < 0);
 	assert_int_equal(calls, 1);
@@ -289,10 +325,15 @@ static void test_fresh(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_failing_disk), cmocka_unit_test(test_later),
-		cmocka_unit_test(test_later_lost),   cmocka_unit_test(test_later_lost_stays),
-		cmocka_unit_test(test_empty),        cmocka_unit_test(test_fresh),
-		cmocka_unit_test(test_sweep),        cmocka_unit_test(test_sweep_writes),
+		cmocka_unit_test(test_failing_disk),
+		cmocka_unit_test(test_later),
+		cmocka_unit_test(test_later_lost),
+		cmocka_unit_test(test_later_lost_stays),
+		cmocka_unit_test(test_empty),
+		cmocka_unit_test(test_fresh),
+		cmocka_unit_test(test_sweep),
+		cmocka_unit_test(test_sweep_writes),
+		cmocka_unit_test(test_settle_temporary),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

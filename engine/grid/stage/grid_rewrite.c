@@ -163,7 +163,9 @@ static int begin(struct grid_rewrite *w, const struct grid_rewrite_params *in, s
 		return rc;
 	grid_merge_start(&w->merge);
 	snprintf(name, sizeof name, "%s.seg", in->name);
-	return grid_segment_writer_begin(&w->seg, in->dirfd, name, w->sources, (uint32_t)w->nsources, pages, err);
+	rc = grid_segment_writer_begin(&w->seg, in->dirfd, name, w->sources, (uint32_t)w->nsources, pages, err);
+	w->seg.file.early = !w->temporary;
+	return rc;
 }
 
 int grid_rewrite_new(const struct grid_rewrite_params *in, struct grid_rewrite **ret, struct err *err)
@@ -209,7 +211,7 @@ static int write_cells(struct grid_rewrite *w, struct err *err)
 {
 	int rc = grid_segment_writer_put(&w->seg, &w->cells, err);
 
-	return rc ? rc : grid_cells_write(&w->cells, w->seg.file.fd, w->seg.file.temp, err);
+	return rc ? rc : grid_cells_write(&w->cells, &w->seg.file, err);
 }
 
 /* Makes cells of the records in the window. */
