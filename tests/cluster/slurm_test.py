@@ -11,17 +11,22 @@ import time
 SLURM = os.path.join(os.path.dirname(os.path.abspath(__file__)), "slurm")
 
 
+@contextlib.contextmanager
 def free_ports(n):
-    """The first of n ports in a row that nobody listens on."""
-    for _ in range(100):
-        port = random.randrange(20000, 32000)
-        try:
-            for i in range(n):
-                with socket.socket() as s:
-                    s.bind(("127.0.0.1", port + i))
-            return port
-        except OSError:
-            continue
+    """The first of n ports in a row, 64 at most, that nobody listens on. Other tests get others meanwhile: the name of a socket, which ends
+    with the process, stands for each 64."""
+    for _ in range(1000):
+        port = random.randrange(20032, 32000, 64)
+        with contextlib.ExitStack() as held:
+            try:
+                held.enter_context(socket.socket(socket.AF_UNIX)).bind("\0acut-test-ports-%d" % port)
+                for i in range(n):
+                    with socket.socket() as s:
+                        s.bind(("127.0.0.1", port + i))
+            except OSError:
+                continue
+            yield port
+            return
     sys.exit("no free ports")
 
 
@@ -63,14 +68,15 @@ def slurm(folder, nodes, **settings):
     os.chmod(os.path.dirname(folder), 0o755)  # munge wants that all may reach its socket
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the Slurm ends with the test
     env = {**os.environ, **{"SLURM_TEST_" + k.upper(): str(v) for k, v in settings.items()}}
-    p = subprocess.run([SLURM, "up", folder, str(nodes), str(free_ports(nodes + 1))], env=env, capture_output=True, text=True)
-    try:
-        if p.returncode == 77:
-            print("skipped: " + p.stderr)
-            sys.exit(77)
-        if p.returncode:
-            sys.exit(p.stderr)
-        s.env = {"SLURM_CONF": os.path.join(folder, "etc/slurm.conf")}
-        yield s
-    finally:
-        subprocess.run([SLURM, "down", folder])
+    with free_ports(nodes + 1) as port:
+        p = subprocess.run([SLURM, "up", folder, str(nodes), str(port)], env=env, capture_output=True, text=True)
+        try:
+            if p.returncode == 77:
+                print("skipped: " + p.stderr)
+                sys.exit(77)
+            if p.returncode:
+                sys.exit(p.stderr)
+            s.env = {"SLURM_CONF": os.path.join(folder, "etc/slurm.conf")}
+            yield s
+        finally:
+            subprocess.run([SLURM, "down", folder])

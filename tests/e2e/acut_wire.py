@@ -265,20 +265,27 @@ def read_all(source, n):
     return bytes(data)
 
 
+TRIANGLE, VERTEX = struct.Struct("<6q").pack, struct.Struct("<3q").pack
+
+
 class Digest:
     """Sums of XXH3-128, high and low halves apart."""
 
     def __init__(self):
+        import xxhash
+        self.of = xxhash.xxh3_128_intdigest
         self.high = self.low = 0
 
     def add(self, data):
-        import xxhash
-        value = xxhash.xxh3_128_intdigest(data)
-        self.high = (self.high + (value >> 64)) & U64
-        self.low = (self.low + value) & U64
+        value = self.of(data)
+        self.high += value >> 64
+        self.low += value & U64
+
+    def add_triangle(self, a, b, c):
+        self.add(TRIANGLE(a[0], a[1], b[0], b[1], c[0], c[1]))
 
     def __str__(self):
-        return "%016x%016x" % (self.high, self.low)
+        return "%016x%016x" % (self.high & U64, self.low & U64)
 
 
 class Fields:
@@ -332,6 +339,7 @@ class Mesh:
     def __init__(self, source):
         self.source = source
         self.positions, self.triangles, self.indexes = [], [], []
+        self.absolute = []     # positions with what the lattice adds to them
         self.ended = set()     # vertices that were marked final
         self.regions = {}      # triangles as three absolute positions, by region
         self.base, self.gone = None, {}  # of changes; (triangles, digest) by region
@@ -430,11 +438,13 @@ class Mesh:
         numbers = foreign + list(range(first, first + nnew))
         if any(n >= first or n in self.ended for n in foreign):
             raise Breach("block %d uses vertices that are to come or were final" % index)
-        for p in new:
-            if not all(self.box[a] <= p[a] <= self.box[a + 3] for a in range(3)):
-                raise Breach("vertex %s is outside the head's box" % (p,))
-            self.positions.append(p)
-            self.vertex_digest.add(struct.pack("<3q", *(p[a] + self.k[a] for a in range(3))))
+        (x1, y1, z1, x2, y2, z2), (kx, ky, kz) = self.box, self.k
+        for x, y, z in new:
+            if not (x1 <= x <= x2 and y1 <= y <= y2 and z1 <= z <= z2):
+                raise Breach("vertex %s is outside the head's box" % ((x, y, z),))
+            self.absolute.append((x + kx, y + ky, z + kz))
+            self.vertex_digest.add(VERTEX(x + kx, y + ky, z + kz))
+        self.positions += new
         for t in triangles:
             self.add_triangle([numbers[i] for i in t])
         for i, byte in enumerate(final):
@@ -445,16 +455,14 @@ class Mesh:
     def add_triangle(self, t):
         if len(set(t)) != 3:
             raise Breach("triangle %s" % t)
-        corners = [(self.positions[n][0] + self.k[0], self.positions[n][1] + self.k[1]) for n in t]
-        first = corners.index(min(corners))
-        corners = corners[first:] + corners[:first]
-        (ax, ay), (bx, by), (cx, cy) = corners
-        if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) <= 0:
+        a, b, c = [self.absolute[n] for n in t]
+        if b < a or c < a:
+            a, b, c = (b, c, a) if b < c else (c, a, b)
+        if (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0:
             raise Breach("triangle %s is not counter-clockwise" % t)
-        self.digest.add(struct.pack("<6q", ax, ay, bx, by, cx, cy))
+        self.digest.add_triangle(a, b, c)
         self.triangles.append(t)
-        t = t[first:] + t[:first]
-        self.region.append(tuple(tuple(self.positions[n][a] + self.k[a] for a in range(3)) for n in t))
+        self.region.append((a, b, c))
 
     def read_tail(self, f):
         failed, zero = f.take("B7s")

@@ -411,16 +411,16 @@ def is_inside(x, y, rings):
 def length_inside(a, b, rings, rough):
     """Of a segment, in the polygons whose rings these are, by the even-odd rule: exact but for the square root, where an edge is near."""
     length, parts, inside = math.hypot(b[0] - a[0], b[1] - a[1]), {Fraction(0), Fraction(1)}, Fraction(0)
-    if all(min(p[0], q[0]) > max(a[0], b[0]) + 1e-6 or max(p[0], q[0]) < min(a[0], b[0]) - 1e-6 or
-           min(p[1], q[1]) > max(a[1], b[1]) + 1e-6 or max(p[1], q[1]) < min(a[1], b[1]) - 1e-6
-           for ring in rough for p, q in zip(ring, ring[1:])):
+    low, high = ([f(a[k], b[k]) for k in (0, 1)] for f in (min, max))
+    edges = [e for ring, points in zip(rings, rough) for e, p, q in zip(zip(ring, ring[1:]), points, points[1:])
+             if all(min(p[k], q[k]) <= high[k] + 1e-6 and max(p[k], q[k]) >= low[k] - 1e-6 for k in (0, 1))]
+    if not edges:
         return length if is_inside(a[0], a[1], rough) else 0
     (x1, y1), (x2, y2) = ((Fraction(p[0]), Fraction(p[1])) for p in (a, b))
-    for ring in rings:
-        for (px, py), (qx, qy) in zip(ring, ring[1:]):
-            turn = (x2 - x1) * (qy - py) - (y2 - y1) * (qx - px)
-            if turn:
-                parts.add(((px - x1) * (qy - py) - (py - y1) * (qx - px)) / turn)
+    for (px, py), (qx, qy) in edges:
+        turn = (x2 - x1) * (qy - py) - (y2 - y1) * (qx - px)
+        if turn:
+            parts.add(((px - x1) * (qy - py) - (py - y1) * (qx - px)) / turn)
     parts = sorted(t for t in parts if 0 <= t <= 1)
     for t, u in zip(parts, parts[1:]):
         if is_inside(x1 + (x2 - x1) * (t + u) / 2, y1 + (y2 - y1) * (t + u) / 2, rings):
@@ -548,7 +548,7 @@ def interrupted():
     """Ctrl-C while blocks come, pieces are joined and files are written: it ends soon, and leaves what --resume needs or nothing."""
     names = ("l.gpkg", "l.geojson", "l.dxf")
     with e2e.Folder() as base, e2e.Daemon(base, memory="256M") as d:
-        d.ctl("push", "s", survey(base, 150000)).ok()
+        d.ctl("push", "s", survey(base, 75000)).ok()
         job = str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"])
         out = os.path.join(base, "out")
         os.mkdir(out)

@@ -1,5 +1,6 @@
 """Elevation models: each pixel against an independent computation with fractions from the PLY of the same mesh, read by GDAL; the
 same bytes whatever the memory, the threads and the pushes; what GDAL says of the file; windows; what is refused."""
+import functools
 import json
 import os
 import shutil
@@ -39,7 +40,10 @@ class Raster:
         expect(g[2] == g[4] == 0 and g[5] == -g[1], str(g))
         band = self.data.GetRasterBand(1)
         expect(band.GetNoDataValue() == NONE, "no data is %s" % band.GetNoDataValue())
-        self.pixel = struct.unpack("<%df" % (self.w * self.h), band.ReadRaster(0, 0, self.w, self.h, buf_type=gdal.GDT_Float32))
+
+    @functools.cached_property
+    def pixel(self):
+        return struct.unpack("<%df" % (self.w * self.h), self.data.GetRasterBand(1).ReadRaster(0, 0, self.w, self.h, buf_type=gdal.GDT_Float32))
 
     def at(self, x, y):
         """By column and row."""
@@ -77,19 +81,19 @@ def takes(a, b):
 def heights(vertices, triangles, cell, factor=1, scale=100):
     """(column, row) of absolute pixels -> bytes of the height; each of them has one owner."""
     found = {}
-    s = Fraction(cell) * scale  # a pixel in lattice units
+    n, d = (Fraction(cell) * scale).as_integer_ratio()  # a pixel in lattice units; in parts of these, 2 d each, all is whole
+    places = [(2 * d * x, 2 * d * y, z) for x, y, z in vertices]
     for t in triangles:
-        p = [vertices[i] for i in t]
-        low = [min(q[k] for q in p) / s for k in (0, 1)]
-        high = [max(q[k] for q in p) / s for k in (0, 1)]
-        for row in range(int(low[1] - 1), int(high[1]) + 1):
-            y = (row + Fraction(1, 2)) * s
-            for column in range(int(low[0] - 1), int(high[0]) + 1):
-                x = (column + Fraction(1, 2)) * s
-                w = [side(p[(i + 1) % 3], p[(i + 2) % 3], x, y) for i in range(3)]
+        p = a, b, c = [places[i] for i in t]
+        low, high = ([f(q[k] for q in p) // (2 * n) for k in (0, 1)] for f in (min, max))
+        for row in range(low[1], high[1] + 1):
+            y = (2 * row + 1) * n
+            for column in range(low[0], high[0] + 1):
+                x = (2 * column + 1) * n
+                w = side(b, c, x, y), side(c, a, x, y), side(a, b, x, y)
                 if all(v > 0 or (v == 0 and takes(p[(i + 1) % 3], p[(i + 2) % 3])) for i, v in enumerate(w)):
                     expect((column, row) not in found, "two triangles have a centre")
-                    found[column, row] = float32(sum(v * q[2] for v, q in zip(w, p)) / sum(w) / scale * factor)
+                    found[column, row] = float32(Fraction(sum(v * q[2] for v, q in zip(w, p)), sum(w)) / scale * factor)
     return found
 
 

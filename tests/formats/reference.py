@@ -21,8 +21,10 @@ class Reference:
             lattice = re.search(rb"comment acut-lattice (\S+) (\S+)", f.read(4000))
         self.scale = [Fraction(lattice[1].decode())] * 2 + [Fraction(lattice[2].decode())]
         vertices, self.faces = read_ply(path)
-        self.vertices = [tuple(round(Fraction(c) / s) for c, s in zip(v, self.scale)) for v in vertices]
-        expect(all(float(n * s) == c for v, w in zip(self.vertices, vertices) for n, s, c in zip(v, self.scale, w)), "the PLY is not on its lattice")
+        # Division of whole numbers is rounded once, so it tells whether a double is the nearest to a lattice number.
+        (a, d), (m, e) = (s.as_integer_ratio() for s in self.scale[1:])
+        self.vertices = [(round(x * d / a), round(y * d / a), round(z * e / m)) for x, y, z in vertices]
+        expect(all((i * a / d, j * a / d, k * m / e) == v for (i, j, k), v in zip(self.vertices, vertices)), "the PLY is not on its lattice")
         self.edges = {(min(e), max(e)) for a, b, c in self.faces for e in ((a, b), (b, c), (c, a))}
         self.cells = defaultdict(list)
         for face in self.faces:
@@ -55,15 +57,17 @@ class Reference:
 
     def section(self, p, q):
         """Where the leg between places p and q (lattice numbers) crosses edges: [(part of the leg, height), ...]."""
-        low, high = ([math.floor(f(p[axis], q[axis])) + d for axis in (0, 1)] for f, d in ((min, 0), (max, 1)))
+        parts = math.lcm(*(Fraction(n).denominator for place in (p, q) for n in place[:2]))
+        p, q = ([int(n * parts) for n in place[:2]] for place in (p, q))
+        vertices = [(x * parts, y * parts, z) for x, y, z in self.vertices]
+        side = [orient(p, q, v) for v in vertices]
         crossings = {}
         for i, j in self.edges:
-            u, v = self.vertices[i], self.vertices[j]
-            if any(max(u[axis], v[axis]) < low[axis] or min(u[axis], v[axis]) > high[axis] for axis in (0, 1)):
-                continue
-            su, sv, sp, sq = orient(p, q, u), orient(p, q, v), orient(u, v, p), orient(u, v, q)
-            if su * sv < 0 and sp * sq < 0:
-                crossings[sp / (sp - sq)] = (u[2] + su / (su - sv) * (v[2] - u[2])) * self.scale[2]
+            if side[i] * side[j] < 0:
+                u, v = vertices[i], vertices[j]
+                sp, sq = orient(u, v, p), orient(u, v, q)
+                if sp * sq < 0:
+                    crossings[Fraction(sp, sp - sq)] = (u[2] + Fraction(side[i], side[i] - side[j]) * (v[2] - u[2])) * self.scale[2]
         return sorted(crossings.items())
 
 

@@ -4,6 +4,7 @@
  * number of the block is one that a reader can use.
  */
 #include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
