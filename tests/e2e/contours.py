@@ -548,7 +548,7 @@ def interrupted():
     """Ctrl-C while blocks come, pieces are joined and files are written: it ends soon, and leaves what --resume needs or nothing."""
     names = ("l.gpkg", "l.geojson", "l.dxf")
     with e2e.Folder() as base, e2e.Daemon(base, memory="256M") as d:
-        d.ctl("push", "s", survey(base, 75000)).ok()
+        d.ctl("push", "s", survey(base, 150000)).ok()
         job = str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"])
         out = os.path.join(base, "out")
         os.mkdir(out)

@@ -11,7 +11,7 @@ import e2e
 from e2e import Daemon, Folder, expect
 
 SMALL = {"memory": "24M", "threads": 2}
-POINTS = 300000 # 19 domains
+POINTS = 300000  # 19 domains
 RESUMABLE = ("ply", "obj", "landxml", "dxf", "glb", "stl", "html", "gpkg", "geojson", "dxf-contours")  # tests/client/format/formats.py
 NEAR = {"glb": ["--origin", "auto"], "stl": ["--origin", "auto"],  # 32-bit floats
         "gpkg": ["--interval", "1"], "geojson": ["--interval", "0.5", "--base", "0.1", "--simplify", "0.2"],
