@@ -218,7 +218,7 @@ def doctor_knows_of_interrupted_pushes():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         paths = resume.tiles(base, 2)
         resume.Half(d, "vol", paths, 1).vanish()
-        resume.wait_for(lambda: "is pending" in d.log_text(), "not pending")
+        resume.pends(d, "vol", "1 files")
         got = metrics(d)
         expect(value(got, "acut_pushes_pending") == 1 == value(got, "acut_pushes_total", result="interrupted"), "pending")
         expect(value(got, "acut_dataset_pushes_pending", dataset="vol") == 1, "of the dataset")
