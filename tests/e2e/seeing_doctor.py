@@ -248,8 +248,8 @@ def doctor_names_a_file_that_hangs():
             gate.wait()
             pushes = lambda: [c for c in d.ctl("doctor", "--json").json()["checks"] if c["name"] == "pushes"][0]
             expect(pushes()["state"] == "ok", "at once")
-            d.ctl("push", "other", good, timeout=60).ok()
-            d.ctl("submit", "other", "--wait", timeout=60).ok()
+            d.ctl("push", "other", good, timeout=e2e.PATIENCE).ok()
+            d.ctl("submit", "other", "--wait", timeout=e2e.PATIENCE).ok()
             stalled = lambda: [c for c in [pushes()] if c["state"] == "warning"]
             check = e2e.until(stalled, "doctor does not see it", 1)[0]
             expect("1 pushes read" in check["message"] and hangs in check["message"] and "does not answer" in check["hint"], check)
