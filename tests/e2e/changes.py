@@ -115,7 +115,7 @@ def noted_otherwise(path):
 
 
 def follows():
-    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
+    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket) as c:
         pushed(d, survey(base), corner(base))
         one, two = job_of(d, 1), job_of(d, 2)
         first, second = c.fetch(one), c.fetch(two)
@@ -143,14 +143,14 @@ def follows():
         d.stop()
         shutil.rmtree(os.path.join(base, "cache"), ignore_errors=True)
         noted_otherwise(os.path.join(d.state, "plans", "plan-%d" % one))
-        with Daemon(base, **SMALL) as again, Client(again.socket, timeout=60) as c:
+        with Daemon(base, **SMALL) as again, Client(again.socket) as c:
             b, _, _ = check(c, first, 1, second, two)
             expect(b.kept == back.kept, "domains of an older version of the store: %d kept, not %d" % (b.kept, back.kept))
 
 
 def selected():
     """Changes of meshes whose views select points. The selections exist, so they are not charged again."""
-    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
+    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket) as c:
         pushed(d, survey(base), corner(base))
         for view in ("--crop=-9,-9,2000,2000",), ("--every", "4"), ("--thin", "1"):
             two = job_of(d, 2, *view)
@@ -208,7 +208,7 @@ class Head:
 
 
 def goes_on():
-    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
+    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket) as c:
         pushed(d, survey(base))
         pushed(d, write_points(os.path.join(base, "all.xyz"), [(10 * i + 3.33, 10 * j + 3.33, 1) for i in range(99) for j in range(99)]))
         one, two = job_of(d, 1), job_of(d, 2)
@@ -305,7 +305,7 @@ def beside_borders():
     places = [(x, y) for x in range(420) for y in range(420)
               if all((2 * x - i) ** 2 + (2 * y - j) ** 2 > radius2 for i, j in holes)]
     on_holes = [((i + x) // 2, (j + y) // 2) for (i, j), corners in holes.items() for x, y in corners]
-    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
+    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket) as c:
         rng = random.Random(8)
 
         def write(name, places):

@@ -53,7 +53,7 @@ def one_step_writes_no_domains():
 def a_stopped_reader_costs_no_disk():
     """While the mesh of one step fits its window, a reader that stops reading makes the daemon write nothing."""
     points = 100000 if SANITIZED else 300000
-    with Folder() as base, Daemon(base, memory="256M", threads=2) as d, Client(d.socket, timeout=120) as c:
+    with Folder() as base, Daemon(base, memory="256M", threads=2) as d, Client(d.socket) as c:
         path = synth(base, "s.las", points)
         want = d.ctl("mesh", "--format", "null", "--json", path).ok().json()
         job = c.ask("submit", pb.Submit(view="view 1", dataset=c.push([path]).dataset, bound=True))

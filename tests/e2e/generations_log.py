@@ -106,7 +106,7 @@ def entries_of_the_log():
         # A file from a pipe has the given name, and no path.
         with open(a, "rb") as f:
             p = subprocess.run([e2e.ACUTCTL, "--socket", d.socket, "push", "v", "-", "--input-format", "las", "--checksum", "--name", "T7"],
-                               input=f.read(), stderr=subprocess.PIPE, timeout=60)
+                               input=f.read(), stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
         expect(p.returncode == 0, p.stderr)
         text = d.ctl("dataset", "log", "v", "--files").ok().out
         expect("\tadded\tT7\t50\t" in text and "stdin" not in text, text)
@@ -135,7 +135,7 @@ def long_lists():
         one = cloud(base, "one.las", 1, 0, 0, 9)
         for i in range(150):
             shutil.copyfile(one, os.path.join(deep, "f%03d.las" % i))
-        d.ctl("push", "s", deep, timeout=120).ok()
+        d.ctl("push", "s", deep).ok()
         rows = log(d, "s", "--files")
         expect([os.path.basename(f["path"]) for f in rows[0]["files"]] == ["f%03d.las" % i for i in range(150)], "files are missing")
         for i in range(70):

@@ -4,6 +4,7 @@ import os
 import time
 
 import e2e
+from config import Configured
 from e2e import expect
 from generations import cloud, mesh, names
 from survey import says, show
@@ -70,7 +71,7 @@ def deleted_after_a_time():
     it."""
     with e2e.Folder() as base:
         a = cloud(base, "a.las", 1, 0, 0, 30000)
-        with e2e.Daemon(base, args=["--keep-removed", "2s"]) as d:
+        with Configured(base, "") as d:
             for name in ("s", "t"):
                 d.ctl("push", name, a).ok()
             job = d.ctl("submit", "s", "--wait").ok().out.split()[0]
@@ -79,6 +80,7 @@ def deleted_after_a_time():
             d.ctl("dataset", "restore", "t").ok()
             kept = sorted(os.listdir(os.path.join(d.state, "datasets")))
             expect(len(kept) == 2, "%s" % kept)
+            d.reload("keep-removed = 2s\n")
             e2e.until(lambda: removed(d) == [] and len(os.listdir(os.path.join(d.state, "datasets"))) == 1, "a removed dataset stays")
             expect(removed(d) == [] and names(d) == ["t"], "%s" % removed(d))
             says(d.ctl("dataset", "restore", "s"), 4, "no removed dataset")

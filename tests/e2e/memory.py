@@ -102,7 +102,7 @@ class Watcher(threading.Thread):
 
     def run(self):
         try:
-            with Client(self.d.socket, timeout=60) as c:
+            with Client(self.d.socket) as c:
                 while not self.ended:
                     self.look(c.ask("status_request", pb.StatusRequest()))
                     time.sleep(0.01)
@@ -310,7 +310,7 @@ def slow(b, survey, n):
     clients = []
     try:
         for _ in range(n):
-            c = Client(b.socket, timeout=120)
+            c = Client(b.socket)
             clients.append(c)
             done = c.push([survey])
             job = c.ask("submit", pb.Submit(dataset=done.dataset, bound=True))
@@ -395,12 +395,12 @@ def lines(b):
 def lists(b, datasets, jobs):
     small = os.path.join(BASE, "small.las")
     las(small, [(0, 0, 0), (900, 0, 1), (0, 900, 2), (900, 900, 3)], 0)
-    with Client(b.socket, timeout=120) as c:
+    with Client(b.socket) as c:
         for i in range(datasets):
             c.ask("dataset_create", pb.DatasetCreate(name="made-%d" % i, scale_xy="0.01", scale_z="0.01"))
     ctl_ok(b, "push", "small", small)
     refused = 0
-    with Client(b.socket, timeout=120) as c:
+    with Client(b.socket) as c:
         for i in range(jobs):
             try:
                 c.ask("submit", pb.Submit(dataset="small", view="view 1", fresh=True))
@@ -434,7 +434,7 @@ def names(b, n):
     """Memory that a push keeps for each of its files is charged: an open push of many names."""
     small = os.path.join(BASE, "small.las")
     las(small, [(0, 0, 0), (900, 0, 1), (0, 900, 2)], 0)
-    with Client(b.socket, timeout=120) as c, open(small, "rb") as f:
+    with Client(b.socket) as c, open(small, "rb") as f:
         begun = c.ask("push_begin", pb.PushBegin(dataset="names"))
         before = b.ctl("status", "--json").ok().json()
         kept = 0

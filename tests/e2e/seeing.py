@@ -247,7 +247,7 @@ def as_other(d, *args):
         os.setuid(OTHER)
     env = dict(os.environ, ACUT_SOCKET=d.socket)
     p = subprocess.run([e2e.ACUTCTL, *args], preexec_fn=become, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                       stderr=subprocess.PIPE, timeout=60)
+                       stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
     return e2e.Run([e2e.ACUTCTL, *args], p.returncode, p.stdout.decode(), p.stderr.decode())
 
 

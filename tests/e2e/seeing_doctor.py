@@ -218,7 +218,7 @@ def doctor_knows_of_interrupted_pushes():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         paths = resume.tiles(base, 2)
         resume.Half(d, "vol", paths, 1).vanish()
-        resume.wait_for(lambda: "is pending" in d.log_text(), "not pending")
+        resume.pends(d, "vol", "1 files")
         got = metrics(d)
         expect(value(got, "acut_pushes_pending") == 1 == value(got, "acut_pushes_total", result="interrupted"), "pending")
         expect(value(got, "acut_dataset_pushes_pending", dataset="vol") == 1, "of the dataset")
@@ -251,8 +251,8 @@ def doctor_names_a_file_that_hangs():
             gate.wait()
             pushes = lambda: [c for c in d.ctl("doctor", "--json").json()["checks"] if c["name"] == "pushes"][0]
             expect(pushes()["state"] == "ok", "at once")
-            d.ctl("push", "other", good, timeout=60).ok()
-            d.ctl("submit", "other", "--wait", timeout=60).ok()
+            d.ctl("push", "other", good, timeout=e2e.PATIENCE).ok()
+            d.ctl("submit", "other", "--wait", timeout=e2e.PATIENCE).ok()
             stalled = lambda: [c for c in [pushes()] if c["state"] == "warning"]
             check = e2e.until(stalled, "doctor does not see it", 1)[0]
             expect("1 pushes read" in check["message"] and hangs in check["message"] and "does not answer" in check["hint"], check)

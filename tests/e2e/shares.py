@@ -262,7 +262,7 @@ def disk_of_many():
 
         def one_more(which, why):
             """One of them is admitted as soon as another has released its share, and only one."""
-            deadline = time.monotonic() + 60
+            deadline = time.monotonic() + e2e.PATIENCE
             while not (got := all_at_once("plan", which)) and time.monotonic() < deadline:
                 time.sleep(0.01)
             expect(len(got) == 1, "%d were admitted for one that was %s" % (len(got), why))
@@ -499,7 +499,7 @@ def reloaded():
         expect(removed(), "e is gone already")
         time.sleep(1)  # for which it is to be kept
         reload("keep-removed = 1s\n")
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + e2e.PATIENCE
         while removed() and time.monotonic() < deadline:
             time.sleep(0.05)
         expect(not removed(), "e is still there")

@@ -149,7 +149,7 @@ def a_file_system_that_hangs():
             gate.wait()
             total = [stat(d)["state_disk"]["total"] for _ in range(3)]
             for words in (("ping",), ("status",), ("datasets",), ("dataset", "chmod", "0640", "a"), ("metrics",)):
-                d.ctl(*words, timeout=60).ok()
+                d.ctl(*words, timeout=e2e.PATIENCE).ok()
             expect(push.poll() is None and min(total) > 0, "%s %s" % (push.poll(), total))
             gate.open()
             out = push.communicate(timeout=e2e.PATIENCE)[0]

@@ -341,7 +341,7 @@ def many():
         d.ctl("push", "s", survey(base)).ok()
         job = submit(d, "s")
         done(d, job)
-        with Client(d.socket, timeout=60) as c:
+        with Client(d.socket) as c:
             ends = [c.ask("fetch", pb.Fetch(job=job))[1] for _ in range(64)]
             try:
                 c.ask("fetch", pb.Fetch(job=job))

@@ -12,7 +12,7 @@ import geo
 from acut_wire import Client, pb
 from crs import DEGREES, HEIGHT, UTM32, compound, las, xyz
 from e2e import expect
-from resume import Half, ask, pending, wait_for
+from resume import Half, ask, pending, pends
 
 SPELT = UTM32.replace(",", ", ").replace("ETRS89 / UTM", "ETRS89 / utm")
 BOTH = compound(UTM32, HEIGHT)
@@ -133,7 +133,7 @@ def whose_it_is():
         for name, again, want in (("all", [b, a], BOTH), ("one", [b], "")):
             half = Half(d, name, [a, b], 2)
             half.vanish()
-            wait_for(lambda: "2 files" in (pending(d, name) or ""), "not pending: %s" % pending(d, name))
+            pends(d, name, "2 files")
             d.ctl("push", name, *again).ok()
             is_kept(d, name, want)
 
