@@ -19,6 +19,11 @@
 #include "io.h"
 #include "io_place.h"
 
+uint8_t *outfile_buffer(void)
+{
+	return aligned_alloc(OUTFILE_BLOCK, OUTFILE_BUFFER + OUTFILE_BLOCK);
+}
+
 struct outfile *outfile_alloc(const char *label, struct err *err)
 {
 	struct outfile *o = calloc(1, sizeof(*o));
@@ -26,7 +31,7 @@ struct outfile *outfile_alloc(const char *label, struct err *err)
 	if (o) {
 		o->dirfd = o->fd = -1;
 		o->label = strdup(label);
-		o->buf = aligned_alloc(OUTFILE_BLOCK, OUTFILE_BUFFER + OUTFILE_BLOCK);
+		o->buf = outfile_buffer();
 	}
 	if (!o || !o->label || !o->buf) {
 		err_set(err, ERR_NOMEM, "no memory for an output buffer");
@@ -274,6 +279,7 @@ struct outfile *outfile_free(struct outfile *o)
 {
 	if (!o)
 		return NULL;
+	outfile_behind_end(o);
 	if (o->temp && o->dirfd >= 0 && !o->part)
 		unlinkat(o->dirfd, o->temp, 0);
 	if (o->host && o->host->annex == o)

@@ -4,7 +4,8 @@
  * A full buffer is written in whole blocks and the rest moves to its front, so offsets in file and memory agree in their low
  * bits. So regular outputs can be written past the page cache on file systems that are known to support it: they are written
  * once and not read, copying them would cost more than all other work on them, and they would displace more useful pages. Odd
- * sizes (the end, a patched header) go through the cache, and so does everything where direct writes are refused.
+ * sizes (the end, a patched header) go through the cache, and so does everything where direct writes are refused. A direct write
+ * waits for the disk, so a thread does it (outfile_behind.c).
  *
  * An annex is a second place to append, for bytes that must follow the output while it is still being written. Its bytes are
  * in the same file, so far behind that the two never meet, and joining removes the hole between them
@@ -63,6 +64,8 @@ static void direct_begin(struct outfile *o)
 	o->may_direct = false;
 	if (!fstatfs(o->fd, &fs) && (fs.f_type == EXT4_SUPER_MAGIC || fs.f_type == XFS_SUPER_MAGIC))
 		direct_set(o, true);
+	if (o->direct)
+		outfile_behind_begin(o);
 }
 
 /* Never again. */
@@ -74,20 +77,25 @@ static void direct_end(struct outfile *o)
 
 /* ---- to the descriptor ---- */
 
-static int put_at(struct outfile *o, const uint8_t *p, size_t n, struct err *err)
+int outfile_put_at(struct outfile *o, const uint8_t *p, size_t n, uint64_t at, struct err *err)
 {
-	struct outfile *of = owner(o);
-	uint64_t at = o->base + o->at;
 	int r;
 
-	if (of->direct && (n % OUTFILE_BLOCK || at % OUTFILE_BLOCK))
-		direct_end(of);
+	if (o->direct && (n % OUTFILE_BLOCK || at % OUTFILE_BLOCK))
+		direct_end(o);
 	r = io_write_at(o->fd, p, n, at, o->label, err);
-	if (r && of->direct && err->sys == EINVAL) {
-		direct_end(of);
+	if (r && o->direct && err->sys == EINVAL) {
+		direct_end(o);
 		err_clear(err);
 		r = io_write_at(o->fd, p, n, at, o->label, err);
 	}
+	return r;
+}
+
+static int put_in_place(struct outfile *o, const uint8_t *p, size_t n, struct err *err)
+{
+	int r = outfile_put_at(owner(o), p, n, o->base + o->at, err);
+
 	if (!r)
 		o->at += n;
 	if (!r && o->part)
@@ -114,31 +122,48 @@ static int put_in_order(struct outfile *o, const uint8_t *p, size_t n, struct er
 
 static int put(struct outfile *o, const uint8_t *p, size_t n, struct err *err)
 {
-	return o->seekable ? put_at(o, p, n, err) : put_in_order(o, p, n, err);
+	return o->seekable ? put_in_place(o, p, n, err) : put_in_order(o, p, n, err);
 }
 
 static int annex_open(struct outfile *o, struct err *err);
+
+/* It has a file, which no other thread writes. */
+static int settle(struct outfile *o, struct err *err)
+{
+	int r = outfile_behind_wait(o->host ? o->host : o, err);
+
+	return !r && o->fd < 0 ? annex_open(o, err) : r;
+}
 
 /* The buffer is full: whole blocks leave it. */
 static int spill(struct outfile *o, struct err *err)
 {
 	size_t whole = o->seekable ? o->used - o->used % OUTFILE_BLOCK : o->used;
-	int r = o->fd < 0 ? annex_open(o, err) : 0;
+	const uint8_t *rest = o->buf + whole;
+	struct outfile *of;
+	int r = o->fd < 0 ? settle(o, err) : 0;
 
 	if (r)
 		return r;
-	direct_begin(owner(o));
-	r = put(o, o->buf, whole, err);
+	of = owner(o);
+	if (!of->behind)
+		direct_begin(of);
+	if (of->behind) {
+		r = outfile_behind_put(of, &o->buf, whole, o->base + o->at, err);
+		o->at += whole;
+	} else {
+		r = put(o, o->buf, whole, err);
+	}
 	if (r)
 		return r;
 	o->used -= whole;
-	memmove(o->buf, o->buf + whole, o->used);
+	memmove(o->buf, rest, o->used);
 	return 0;
 }
 
 int outfile_flush(struct outfile *o, struct err *err)
 {
-	int r = o->used && o->fd < 0 ? annex_open(o, err) : 0;
+	int r = o->used || o->fd >= 0 ? settle(o, err) : 0;
 
 	if (!r && o->used)
 		r = put(o, o->buf, o->used, err);

@@ -21,14 +21,16 @@ struct outfile {
 	struct outfile *host; /* of an annex; it outlives the annex */
 	bool inside;          /* the annex's bytes are in the host's file, from `base` on */
 	uint64_t base;
-	uint64_t at;               /* bytes handed to the system */
-	struct outfile_part *part; /* it is kept in NAME.part; NULL: it is not */
-	struct outfile *annex;     /* of a kept one */
+	uint64_t at;                   /* bytes handed to the system */
+	struct outfile_part *part;     /* it is kept in NAME.part; NULL: it is not */
+	struct outfile_behind *behind; /* writes what leaves its buffer and that of its annex; NULL: that is written at once */
+	struct outfile *annex;         /* of a kept one */
 	size_t used;
 	uint8_t *buf; /* OUTFILE_BUFFER and OUTFILE_BUFFER_BEHIND at least, on a block's bounds */
 };
 
 struct outfile *outfile_alloc(const char *label, struct err *err);
+uint8_t *outfile_buffer(void); /* to be freed; NULL: no memory */
 /* A nameless file in the folder `dirfd`, or in that for temporary files if it is -1. */
 int outfile_nameless(int dirfd, int *ret_fd, struct err *err);
 int outfile_flush(struct outfile *, struct err *err);
@@ -40,6 +42,17 @@ bool outfile_is_held(int dirfd, const char *name, const struct outfile_held *);
 /* outfile_held.c: outfile_settle in an open folder. */
 int outfile_settle_at(int dirfd, const char *from, const char *name, const struct outfile_held *, bool no_clobber,
 		      struct err *err);
+
+/* outfile_bytes.c: at this place of its file; if that is impossible past the page cache, through it from now on. */
+int outfile_put_at(struct outfile *, const uint8_t *bytes, size_t n, uint64_t at, struct err *err);
+
+/* outfile_behind.c. Without memory or a thread nothing is begun. */
+void outfile_behind_begin(struct outfile *);
+void outfile_behind_end(struct outfile *); /* what is not written yet is dropped */
+/* Until all is written; or the error that prevents it. */
+int outfile_behind_wait(const struct outfile *, struct err *err);
+/* Takes n bytes in a buffer, and gives another buffer for it. The error may be of what it took before. */
+int outfile_behind_put(const struct outfile *, uint8_t **buf, size_t n, uint64_t at, struct err *err);
 
 int outfile_part_annex(struct outfile *host, struct outfile *annex, struct err *err);
 void outfile_part_add(struct outfile_part *, const uint8_t *bytes, size_t n);

@@ -5,7 +5,9 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <linux/magic.h>
+#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -29,7 +31,9 @@ static char dir[64];
 static char path[80];
 static struct io_table table;
 static unsigned far_sizes;
-static unsigned direct_writes, writes, fail_at;
+static unsigned direct_writes, behind, writes, fail_at, fail_to;
+static pthread_t writer; /* the caller of outfile_write */
+static pthread_mutex_t counting = PTHREAD_MUTEX_INITIALIZER;
 static off_t furthest;
 
 static bool is_direct(int fd)
@@ -39,10 +43,16 @@ static bool is_direct(int fd)
 
 static ssize_t count_pwrite(int fd, const void *buf, size_t n, off_t off)
 {
+	bool fails;
+
+	pthread_mutex_lock(&counting);
 	direct_writes += is_direct(fd);
+	behind += !pthread_equal(pthread_self(), writer);
 	writes++;
 	furthest = off > furthest ? off : furthest;
-	if (fail_at && writes >= fail_at) {
+	fails = fail_at && writes >= fail_at && writes < fail_to;
+	pthread_mutex_unlock(&counting);
+	if (fails) {
 		errno = ENOSPC;
 		return -1;
 	}
@@ -180,7 +190,8 @@ static void start(void)
 	table = io_system;
 	table.pwrite = count_pwrite;
 	io = &table;
-	direct_writes = writes = fail_at = 0;
+	writer = pthread_self();
+	direct_writes = behind = writes = fail_at = 0;
 	furthest = 0;
 }
 
@@ -197,6 +208,7 @@ static void test_inside(void **state)
 	each_size();
 	if (extents()) {
 		assert_true(direct_writes > 10);
+		assert_int_equal(behind, direct_writes);
 		assert_true((uint64_t)furthest > OUTFILE_ANNEX_AT);
 	}
 	io = &io_system;
@@ -254,8 +266,8 @@ static void test_elsewhere(void **state)
 	io = &io_system;
 }
 
-/* Each write in its turn is the one that finds the disk full. */
-static void test_full(void **state)
+/* Each write in its turn is the one that finds the disk full, with all that follow or alone. */
+static void each_fails(unsigned in_row)
 {
 	unsigned n;
 
@@ -268,6 +280,7 @@ static void test_full(void **state)
 
 		writes = 0;
 		fail_at = n;
+		fail_to = in_row > UINT_MAX - n ? UINT_MAX : n + in_row;
 		r = write_both(150000, 300000, &err);
 		if (!r)
 			break;
@@ -279,8 +292,14 @@ static void test_full(void **state)
 		closedir(d);
 	}
 	assert_in_range(n, 8, 99);
-	unlink(path);
+	expect_file(150000, 300000);
 	io = &io_system;
+}
+
+static void test_full(void **state)
+{
+	each_fails(UINT_MAX);
+	each_fails(1);
 }
 
 /* Without a size of records the order stays; with a wrong one even the smallest annex is refused. */
