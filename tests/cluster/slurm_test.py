@@ -15,6 +15,7 @@ SLURM = os.path.join(os.path.dirname(os.path.abspath(__file__)), "slurm")
 def free_ports(n):
     """The first of n ports in a row, 64 at most, that nobody listens on. Other tests get others meanwhile: the name of a socket, which ends
     with the process, stands for each 64."""
+    assert n <= 64
     for _ in range(1000):
         port = random.randrange(20032, 32000, 64)
         with contextlib.ExitStack() as held:
@@ -52,7 +53,7 @@ class Slurm:
     def queue(self):
         return [line.split("|") for line in self.run("squeue", "-h", "-r", "-o", "%F|%K|%T|%j|%N").splitlines()]
 
-    def until(self, what, cond, seconds=60):
+    def until(self, what, cond, seconds=240):
         end = time.time() + seconds
         while not cond():
             if time.time() > end:

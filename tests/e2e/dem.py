@@ -40,6 +40,7 @@ class Raster:
         expect(g[2] == g[4] == 0 and g[5] == -g[1], str(g))
         band = self.data.GetRasterBand(1)
         expect(band.GetNoDataValue() == NONE, "no data is %s" % band.GetNoDataValue())
+        band.Checksum()  # every tile can be decoded, or this raises
 
     @functools.cached_property
     def pixel(self):

@@ -365,7 +365,7 @@ def what_does_not_fit():
         expect("older than 7 days" in d.log_text(), "it is not said")
         swept(d)
         # Its time ends while acutd runs, and nobody pushes there. Where acutd starts slowly, it is over before: then with more.
-        for seconds in (3, 15, 75):
+        for seconds in (3, 15, 45):
             Half(d, "c", paths, 2, wait=False).vanish()
             pends(d, "c", "2 files")
             end_in(d, seconds)

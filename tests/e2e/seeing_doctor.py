@@ -233,7 +233,7 @@ def doctor_knows_of_interrupted_pushes():
         d.env.update(env)
         d.start()
         resume.Half(d, "more", paths, 1).vanish()
-        resume.wait_for(lambda: value(metrics(d), "acut_pushes_pending") == 2, "not pending")
+        e2e.until(lambda: value(metrics(d), "acut_pushes_pending") == 2, "not pending")
         expect("2 interrupted pushes wait, the first is removed in 12 hours" in
                doctor(d, 0, env=env, pushes="warning")["pushes"]["message"], "when")
 

@@ -132,14 +132,11 @@ static void plan_before_block(void **state)
 	static const char *const views[] = {VIEW, "view 1 window=box:-100000,-100000,100000,100000"};
 	static struct reader r; /* static: a failed test ends before the reader */
 	struct run_output_calls waiting = reader_calls;
-	struct io_table table = io_system;
 	struct dataset *d = push("valley", 120000, 1);
 	char name[32];
 
 	(void)state;
 	waiting.encode = encode_synced;
-	table.fsync = noting_fsync;
-	io = &table;
 	for (size_t i = 0; i < sizeof views / sizeof *views; i++) {
 		struct job *job;
 		uint64_t id;
@@ -162,7 +159,6 @@ static void plan_before_block(void **state)
 			assert_int_equal(early_blocks, 0);
 		}
 	}
-	io = &io_system;
 	dataset_release(d);
 }
 
@@ -448,7 +444,6 @@ static void selection_cancelled(void **state)
 static int let_teardown(void **state)
 {
 	hold = false;
-	io = &io_system;
 	return teardown(state);
 }
 
@@ -470,5 +465,11 @@ int main(void)
 		TEST(selection_cancelled),
 	};
 
+	static struct io_table table;
+
+	/* Before the first thread. */
+	table = io_system;
+	table.fsync = noting_fsync;
+	io = &table;
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

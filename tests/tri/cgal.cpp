@@ -61,7 +61,8 @@ static bool same(const check_sum &a, const check_sum &b)
 
 static int usage()
 {
-	fprintf(stderr, "usage: test-tri-cgal [pieces] KIND N [SEED]\n       test-tri-cgal weights KIND N RADIUS [SEED]\n");
+	fprintf(stderr,
+		"usage: test-tri-cgal [pieces] KIND N [SEED]\n       test-tri-cgal weights KIND N RADIUS [SEED]\n       test-tri-cgal weights tiny SETS 0 [SEED]\n");
 	return 2;
 }
 

@@ -136,7 +136,7 @@ def cancelled(base, s):
     s.until("tasks run", lambda: any(r[2] == "RUNNING" and r[3] in w.names() for r in s.queue()))
     status, out = w.run("cancel")
     check("cancel", status == 0, out)
-    s.until("all is gone", lambda: not w.names(), 20)
+    s.until("all is gone", lambda: not w.names())
     check("and is not done", w.done() == [])
     open(w.path + "/go", "w").close()
     w.run("submit")
@@ -150,7 +150,7 @@ def cancelled(base, s):
         s.run("scancel", "--name", name)
     out = p.communicate(timeout=60)[0]
     check("scancel from outside ends the wait", p.returncode == 1 and "cancelled from outside" in out and "resume" in out, out)
-    s.until("all is gone", lambda: not w.names(), 20)  # a task that still ends is not submitted again
+    s.until("all is gone", lambda: not w.names())  # a task that still ends is not submitted again
     open(w.path + "/go", "w").close()
     w.run("submit")
     s.until("resume", lambda: len(w.done()) == 9)
