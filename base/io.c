@@ -38,11 +38,6 @@ static int system_punch(int fd, off_t from, off_t n)
 	return fallocate(fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, from, n);
 }
 
-static int system_start_writing(int fd)
-{
-	return sync_file_range(fd, 0, 0, SYNC_FILE_RANGE_WRITE);
-}
-
 const struct io_table io_system = {
 	.openat = system_openat,
 	.close = close,
@@ -66,7 +61,6 @@ const struct io_table io_system = {
 	.readdir = system_readdir,
 	.copy_file_range = copy_file_range,
 	.flock = flock,
-	.start_writing = system_start_writing,
 };
 
 const struct io_table *io = &io_system;
@@ -159,12 +153,6 @@ int io_sync(int fd, const char *name, struct err *err)
 	}
 	err_sys(err, errno, "cannot fsync");
 	return err_add_file(err, name);
-}
-
-void io_start_writing(int fd)
-{
-	if (io->start_writing)
-		io->start_writing(fd);
 }
 
 int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err *err)

@@ -39,7 +39,6 @@ struct io_table {
 	struct dirent *(*readdir)(void *dir); /* a DIR; NULL with errno unchanged at the end */
 	ssize_t (*copy_file_range)(int in, off_t *in_off, int out, off_t *out_off, size_t n, unsigned flags);
 	int (*flock)(int fd, int operation);
-	int (*start_writing)(int fd); /* of what is dirty, without waiting; NULL: not supported */
 };
 
 extern const struct io_table io_system;
@@ -56,8 +55,6 @@ int io_read_at(int fd, void *buf, size_t n, uint64_t off, const char *name, stru
 int io_read_some(int fd, void *buf, size_t n, uint64_t off, const char *name, size_t *ret_n, struct err *err);
 int io_write_at(int fd, const void *buf, size_t n, uint64_t off, const char *name, struct err *err);
 int io_sync(int fd, const char *name, struct err *err);
-/* The file will be fsynced: its disk begins to write what it has now. Only a hint; what cannot be written fails the fsync. */
-void io_start_writing(int fd);
 /* fsync(fd), rename temp to name, fsync(dirfd). On failure the temporary file is removed. Does not close. */
 int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err *err);
 /* Whether the file or folder was removed since it was opened. Asks only the kernel, not the file system, which may not

@@ -20,7 +20,6 @@ static inline struct io_table *no_sync(void)
 
 	table = io_system;
 	table.fsync = no_sync_call;
-	table.start_writing = NULL;
 	io = &table;
 	return &table;
 }

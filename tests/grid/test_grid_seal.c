@@ -410,56 +410,6 @@ static void test_written_once(void **state)
 	folder_remove(&f);
 }
 
-static unsigned starts;
-
-static int counting_start(int fd)
-{
-	starts++;
-	return 0;
-}
-
-/* The disk begins with a large file that will be fsynced before it is complete: with runs, then with the segment. It is left
- * alone with a small one, and with what need not survive. */
-static void test_written_early(void **state)
-{
-	static const struct {
-		size_t n;
-		bool durable, temporary; /* runs; the segment */
-		bool run, segment;       /* begun early */
-	} row[] = {
-		{1000000, true, false, true, true},   {1000000, false, false, false, true}, {1000000, true, true, true, false},
-		{1000000, false, true, false, false}, {100000, true, false, false, false},
-	};
-	struct set s = set_make(SHAPE_UNIFORM, row[0].n, 1, 9);
-	const struct io_table *before = io;
-	struct io_table counting = *io;
-	struct folder f = folder_new();
-
-	counting.start_writing = counting_start;
-	io = &counting;
-	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
-		/* Half of it are records: a run of 12 MiB. */
-		const struct grid_stage_params params = {
-			.dirfd = f.fd, .name = "x", .memory = 24 * MIB, .durable = row[i].durable, .temporary = row[i].temporary};
-		struct grid_segment_info info;
-		struct grid_stage *stage;
-		struct err err = ERR_INIT;
-
-		starts = 0;
-		CHECK(grid_stage_new(&params, &stage, &err));
-		CHECK(grid_stage_source(stage, 4, &err));
-		CHECK(grid_stage_add(stage, s.pts, row[i].n, &err));
-		assert_int_equal(starts > 0, row[i].run);
-		starts = 0;
-		CHECK(grid_stage_seal(stage, &info, &err));
-		assert_int_equal(starts > 0, row[i].segment);
-		grid_stage_free(stage);
-	}
-	io = before;
-	set_free(&s);
-	folder_remove(&f);
-}
-
 /* ---- failures ---- */
 
 static atomic_long left;
@@ -604,10 +554,10 @@ static void test_given_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_every_way),     cmocka_unit_test(test_stretches),     cmocka_unit_test(test_dropped),
-		cmocka_unit_test(test_lanes),         cmocka_unit_test(test_written_once),  cmocka_unit_test(test_failures),
-		cmocka_unit_test(test_failing_lanes), cmocka_unit_test(test_given_up),      cmocka_unit_test(test_many_runs),
-		cmocka_unit_test(test_suspended),     cmocka_unit_test(test_written_early),
+		cmocka_unit_test(test_every_way),     cmocka_unit_test(test_stretches),    cmocka_unit_test(test_dropped),
+		cmocka_unit_test(test_lanes),         cmocka_unit_test(test_written_once), cmocka_unit_test(test_failures),
+		cmocka_unit_test(test_failing_lanes), cmocka_unit_test(test_given_up),     cmocka_unit_test(test_many_runs),
+		cmocka_unit_test(test_suspended),
 	};
 
 	no_sync();

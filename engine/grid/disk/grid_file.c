@@ -13,8 +13,6 @@
 #include "err.h"
 #include "io.h"
 
-enum { EARLY = 8 << 20 };
-
 int grid_file_open(int dirfd, const char *name, const char *what, int *ret_fd, struct err *err)
 {
 	struct err why = ERR_INIT;
@@ -49,20 +47,12 @@ int grid_file_create(struct grid_file *f, int dirfd, const char *name, void *buf
 	return 0;
 }
 
-/* A large fsync at the end would leave the disk idle before, and the thread after. A small one is as fast. */
-void grid_file_wrote(const struct grid_file *f, uint64_t place, size_t n)
-{
-	if (f->early && place / EARLY != (place + n) / EARLY)
-		io_start_writing(f->fd);
-}
-
 static int flush(struct grid_file *f, struct err *err)
 {
 	int rc = f->used ? io_write_at(f->fd, f->buf, f->used, f->at, f->temp, err) : 0;
 
 	if (rc)
 		return rc;
-	grid_file_wrote(f, f->at, f->used);
 	f->at += f->used;
 	f->used = 0;
 	return 0;

@@ -19,7 +19,6 @@ struct grid_file {
 	uint8_t *buf;
 	size_t cap, used;
 	uint64_t at; /* place of buf[0] in the file */
-	bool early;  /* set by the caller once it is open: it will be fsynced, so the disk begins to write it as it grows */
 };
 
 #define GRID_FILE_INIT ((struct grid_file){.fd = -1})
@@ -31,8 +30,6 @@ int grid_file_reserve(struct grid_file *, size_t n, uint8_t **ret, struct err *e
 void grid_file_commit(struct grid_file *, size_t n);
 uint64_t grid_file_place(const struct grid_file *);
 int grid_file_append(struct grid_file *, const void *bytes, size_t n, struct err *err);
-/* For a caller that writes to fd itself: n bytes are at `place` now. */
-void grid_file_wrote(const struct grid_file *, uint64_t place, size_t n);
 /* Overwrites bytes that were appended before. */
 int grid_file_patch(struct grid_file *, uint64_t place, const void *bytes, size_t n, struct err *err);
 /* GRID_DURABLE_DATA: the data are fsynced; the name is durable once the caller has fsynced the folder. */

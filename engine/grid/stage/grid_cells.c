@@ -152,7 +152,7 @@ bool grid_cells_add(struct grid_cells *c, const struct point *pts, const uint32_
 	return true;
 }
 
-int grid_cells_write(struct grid_cells *c, const struct grid_file *f, struct err *err)
+int grid_cells_write(struct grid_cells *c, int fd, const char *name, struct err *err)
 {
 	int rc = 0;
 
@@ -165,9 +165,7 @@ int grid_cells_write(struct grid_cells *c, const struct grid_file *f, struct err
 			if (b->place != first->place + bytes)
 				break;
 		}
-		rc = io_write_at(f->fd, c->memory + first->offset, bytes, first->place, f->temp, err);
-		if (rc == 0)
-			grid_file_wrote(f, first->place, bytes);
+		rc = io_write_at(fd, c->memory + first->offset, bytes, first->place, name, err);
 	}
 	c->n = c->used = 0;
 	return rc;

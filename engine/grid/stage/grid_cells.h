@@ -7,7 +7,6 @@
 #include <stdint.h>
 
 #include "grid_block.h"
-#include "grid_file.h"
 
 struct err;
 
@@ -44,6 +43,6 @@ bool grid_cells_add(struct grid_cells *, const struct point *pts, const uint32_t
 		    size_t *ret_taken);
 struct grid_new_block *grid_cells_block(const struct grid_cells *, size_t i);
 /* Writes all blocks to their places and empties the memory. */
-int grid_cells_write(struct grid_cells *, const struct grid_file *, struct err *err);
+int grid_cells_write(struct grid_cells *, int fd, const char *name, struct err *err);
 
 #endif

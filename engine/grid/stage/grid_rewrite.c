@@ -163,9 +163,7 @@ static int begin(struct grid_rewrite *w, const struct grid_rewrite_params *in, s
 		return rc;
 	grid_merge_start(&w->merge);
 	snprintf(name, sizeof name, "%s.seg", in->name);
-	rc = grid_segment_writer_begin(&w->seg, in->dirfd, name, w->sources, (uint32_t)w->nsources, pages, err);
-	w->seg.file.early = !w->temporary;
-	return rc;
+	return grid_segment_writer_begin(&w->seg, in->dirfd, name, w->sources, (uint32_t)w->nsources, pages, err);
 }
 
 int grid_rewrite_new(const struct grid_rewrite_params *in, struct grid_rewrite **ret, struct err *err)
@@ -211,7 +209,7 @@ static int write_cells(struct grid_rewrite *w, struct err *err)
 {
 	int rc = grid_segment_writer_put(&w->seg, &w->cells, err);
 
-	return rc ? rc : grid_cells_write(&w->cells, &w->seg.file, err);
+	return rc ? rc : grid_cells_write(&w->cells, w->seg.file.fd, w->seg.file.temp, err);
 }
 
 /* Makes cells of the records in the window. */

@@ -161,9 +161,7 @@ static int begin(struct grid_seal *z, unsigned workers, struct err *err)
 	cut_pieces(z, workers);
 	slots_init(z, workers);
 	snprintf(name, sizeof name, "%s.seg", s->segment);
-	rc = grid_segment_writer_begin(&z->seg, s->segment_dirfd, name, s->all, s->nall, s->pages, err);
-	z->seg.file.early = !s->temporary;
-	return rc;
+	return grid_segment_writer_begin(&z->seg, s->segment_dirfd, name, s->all, s->nall, s->pages, err);
 }
 
 int grid_seal_begin(struct grid_stage *s, unsigned workers, const struct grid_guard *guard, struct grid_seal **ret,
@@ -225,7 +223,7 @@ static int put_slot(struct grid_seal *z, struct grid_slot *s, struct err *err)
 	grid_seal_wake(z);
 	grid_seal_unlock(z);
 	if (rc == 0)
-		rc = grid_cells_write(&s->cells, &z->seg.file, err);
+		rc = grid_cells_write(&s->cells, z->seg.file.fd, z->seg.file.temp, err);
 	grid_seal_lock(z);
 	s->state = SLOT_FREE;
 	grid_seal_wake(z);

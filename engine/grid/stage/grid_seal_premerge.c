@@ -129,7 +129,6 @@ static int merge_runs(struct grid_stage *s, size_t n, uint8_t *memory, struct er
 		rc = grid_stage_add_run(s, name, err);
 	if (rc == 0)
 		rc = grid_run_begin(&w, s->dirfd, name, o.buffer, WRITE, err);
-	w.file.early = s->durable;
 	if (rc == 0)
 		rc = write_merged(&o, &w, err);
 	rc = close_all(&o, rc, err);

@@ -92,7 +92,7 @@ static int put_partial(struct grid_seal *z, struct grid_slot *s, struct err *err
 	else
 		rc = grid_segment_writer_put(&z->seg, &s->cells, err);
 	grid_seal_unlock(z);
-	return rc ? rc : grid_cells_write(&s->cells, &z->seg.file, err);
+	return rc ? rc : grid_cells_write(&s->cells, z->seg.file.fd, z->seg.file.temp, err);
 }
 
 /* Makes cells of pts: of all of them at the end, else only complete cells. */

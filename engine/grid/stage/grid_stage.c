@@ -186,7 +186,6 @@ static int spill_lane(struct grid_stage *s, struct grid_lane *l, struct err *err
 	unlock(s);
 	if (rc == 0)
 		rc = grid_run_begin(&w, s->dirfd, name, scratch, bytes < MAX_WRITE ? bytes : MAX_WRITE, err);
-	w.file.early = s->durable;
 	if (rc == 0)
 		rc = grid_run_add(&w, pts, NULL, s->table, l->n, true, &taken, err);
 	if (rc == 0)
