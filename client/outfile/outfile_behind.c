@@ -131,8 +131,8 @@ void outfile_behind_end(struct outfile *o)
 
 	if (!b)
 		return;
-	take(&b->empty);
 	b->failed = true; /* what is not written by now was not published */
+	take(&b->empty);
 	b->ring[b->next].n = 0;
 	sem_post(&b->full);
 	pthread_join(b->thread, NULL);

@@ -57,6 +57,8 @@ static bool keep_warning(struct console *c, const char *text)
 	grown = copy ? realloc(c->warning, (c->nwarning + 1) * sizeof(*grown)) : NULL;
 	if (!grown) {
 		free(copy);
+		if (c->json)
+			term_lose();
 		return true;
 	}
 	c->warning = grown;
@@ -174,6 +176,7 @@ bool console_reader_gone(void)
 int console_end(struct console *c, int status)
 {
 	struct err err = ERR_INIT;
+	int error;
 
 	console_progress_clear(c);
 	for (size_t i = 0; i < c->nwarning; i++)
@@ -192,5 +195,8 @@ int console_end(struct console *c, int status)
 		err_sys(&err, errno ? errno : EIO, "standard output cannot be written");
 	}
 	c->report = stderr;
-	return status ? status : console_error(c, &err);
+	if (status && !term_lost())
+		return status;
+	error = console_error(c, &err);
+	return status ? status : error;
 }

@@ -3,10 +3,10 @@
  *
  * The model: a worker queries the free space of the file systems every two seconds, or every ten while the daemon is idle. The
  * loop never queries them, since a file system may not answer. One task measures the cache after the start, and again if that
- * failed, or if the result is inexact, when nothing is being written; the time between two passes is at least 10 s, and 20 times
- * as long as one takes. A task evicts whenever quota or keep-free are exceeded, also if other programs have filled the disk. If
- * somebody removes a folder of the cache, it is made again under the descriptor that is in use. Its files are derived data, and
- * made again when they are needed.
+ * failed, whatever is being written, or if the result is inexact, when nothing is; the time between two passes is at least
+ * 10 s, and 20 times as long as one takes. A task evicts whenever quota or keep-free are exceeded, also if other programs have
+ * filled the disk. If somebody removes a folder of the cache, it is made again under the descriptor that is in use. Its files
+ * are derived data, and made again when they are needed.
  */
 #include <assert.h>
 #include <errno.h>

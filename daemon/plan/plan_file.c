@@ -194,6 +194,9 @@ static int write_file(struct plan_file *f, const struct cut_plan *plan, struct p
 	plan_head_pack(&head, record);
 	if (!r)
 		r = io_write_at(fd, record, PLAN_RECORD, 0, f->name, err);
+	/* ext4 writes a file that replaces another one at once, and an error of that is lost: no fsync would tell it. */
+	if (!r)
+		io->unlinkat(f->dirfd, f->name, 0);
 	if (!r && io->renameat(f->dirfd, temp, f->dirfd, f->name) < 0)
 		r = err_sys(err, errno, "cannot publish %s", f->name);
 	if (r)
@@ -456,7 +459,7 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 
 	if (fd < 0)
 		return errno == ENOENT ? PLAN_FILE_ABSENT : err_sys(err, errno, "cannot open %s", f->name);
-	/* A power cut leaves an empty file of a plan that was never read. */
+	/* A power cut leaves an empty or torn file of a plan of which no block has left. */
 	r = io_read_some(fd, record, PLAN_RECORD, 0, f->name, &got, err);
 	if (!r && (got < PLAN_RECORD || !plan_head_unpack(record, &head) || head.job != f->job ||
 		   head.generation != f->generation || io->fstat(fd, &st) < 0 || head.n >= (uint64_t)st.st_size / PLAN_RECORD))
@@ -469,7 +472,7 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 		r = settle(f, fd, err);
 	if (r == PLAN_FILE_ABSENT && got)
 		log_event(LOG_EVENT_DAMAGE_DERIVED, &(struct log_about){.job = f->job},
-			  "the plan of job %llu is damaged: it is made again, streams of it cannot go on",
+			  "the plan of job %llu is damaged: it is made again, and streams that had begun cannot go on",
 			  (unsigned long long)f->job);
 	io_close(fd);
 	if (!r)

@@ -285,6 +285,33 @@ static void test_later_lost_stays(void **state)
 	plan_file_free(f);
 }
 
+static int noting_renameat(int from, const char *old, int to, const char *new)
+{
+	assert_false(is_there(new));
+	calls++;
+	return io_system.renameat(from, old, to, new);
+}
+
+/* A plan that is written anew does not replace the file: an error of writing would be lost with that. */
+static void test_written_anew(void **state)
+{
+	struct io_table table = io_system;
+	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
+	struct plan_kept kept = {.load = 500, .cap = 600};
+	struct cut_plan p = plan_of(9);
+	struct err err = ERR_INIT;
+
+	table.renameat = noting_renameat;
+	io = &table;
+	calls = 0;
+	for (int i = 0; i < 2; i++)
+		assert_int_equal(plan_file_write(f, &p, &kept, &err), 0);
+	assert_int_equal(calls, 2);
+	io = &io_system;
+	cut_plan_done(&p);
+	plan_file_free(f);
+}
+
 /* A power cut may leave an empty file of an unread plan: that is no plan, and no damage. */
 static void test_empty(void **state)
 {
@@ -325,15 +352,11 @@ static void test_fresh(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_failing_disk),
-		cmocka_unit_test(test_later),
-		cmocka_unit_test(test_later_lost),
-		cmocka_unit_test(test_later_lost_stays),
-		cmocka_unit_test(test_empty),
-		cmocka_unit_test(test_fresh),
-		cmocka_unit_test(test_sweep),
-		cmocka_unit_test(test_sweep_writes),
-		cmocka_unit_test(test_settle_temporary),
+		cmocka_unit_test(test_failing_disk), cmocka_unit_test(test_later),
+		cmocka_unit_test(test_later_lost),   cmocka_unit_test(test_later_lost_stays),
+		cmocka_unit_test(test_written_anew), cmocka_unit_test(test_empty),
+		cmocka_unit_test(test_fresh),        cmocka_unit_test(test_sweep),
+		cmocka_unit_test(test_sweep_writes), cmocka_unit_test(test_settle_temporary),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

@@ -8,8 +8,11 @@
 #include <limits.h>
 #include <linux/magic.h>
 #include <pthread.h>
+#include <semaphore.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -296,6 +299,61 @@ static void each_fails(unsigned in_row)
 	io = &io_system;
 }
 
+static sem_t entered, go;
+static atomic_bool within, masked;
+
+static ssize_t held_pwrite(int fd, const void *buf, size_t n, off_t off)
+{
+	sigset_t mask;
+	ssize_t r;
+
+	pthread_sigmask(SIG_SETMASK, NULL, &mask);
+	masked = sigismember(&mask, SIGINT) == 1;
+	within = true;
+	sem_post(&entered);
+	while (sem_wait(&go))
+		;
+	r = count_pwrite(fd, buf, n, off);
+	within = false;
+	return r;
+}
+
+static void *let_go(void *arg)
+{
+	usleep(20000); /* so that outfile_free has begun, or has not waited */
+	sem_post(&go);
+	sem_post(&go);
+	return NULL;
+}
+
+/* When an output is freed its thread has ended, and has written no more than it had begun. Signals come to others. */
+static void test_freed(void **state)
+{
+	struct err err = ERR_INIT;
+	uint8_t bytes[4096] = {0};
+	struct outfile *o;
+	pthread_t thread;
+
+	if (!extents())
+		skip();
+	start();
+	table.pwrite = held_pwrite;
+	sem_init(&entered, 0, 0);
+	sem_init(&go, 0, 0);
+	assert_int_equal(outfile_new(path, false, &o, &err), 0);
+	for (size_t n = 0; n <= 2 * OUTFILE_BUFFER; n += sizeof(bytes))
+		assert_int_equal(outfile_write(o, bytes, sizeof(bytes), &err), 0);
+	while (sem_wait(&entered))
+		;
+	assert_int_equal(pthread_create(&thread, NULL, let_go, NULL), 0);
+	outfile_free(o);
+	assert_false(within);
+	assert_int_equal(writes, 1);
+	assert_true(masked);
+	pthread_join(thread, NULL);
+	io = &io_system;
+}
+
 static void test_full(void **state)
 {
 	each_fails(UINT_MAX);
@@ -342,7 +400,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_inside),    cmocka_unit_test(test_through_cache), cmocka_unit_test(test_apart),
 		cmocka_unit_test(test_elsewhere), cmocka_unit_test(test_full),          cmocka_unit_test(test_sizes),
-		cmocka_unit_test(test_filled),
+		cmocka_unit_test(test_filled),    cmocka_unit_test(test_freed),
 	};
 	int failed;
 

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
+#include <sys/mman.h>
 #include <sys/wait.h>
 #include <termios.h>
 #include <unistd.h>
@@ -208,13 +209,17 @@ static void one_text(void)
 	term_put(stdout, "tab\there");
 }
 
+static bool told; /* on standard error */
+
 /* The exit status of a program that would end with `status`, and has no memory for `size` bytes while it prints. */
 static int status_without(size_t size, void (*print)(void), int status)
 {
 	struct console console = {.program = "test", .report = stdout};
+	int errors = memfd_create("errors", 0);
 	pid_t child = fork();
 
 	if (!child) {
+		dup2(errors, STDERR_FILENO);
 		refused = size;
 		print();
 		refused = 0;
@@ -222,6 +227,8 @@ static int status_without(size_t size, void (*print)(void), int status)
 	}
 	assert_int_equal(waitpid(child, &status, 0), child);
 	assert_true(WIFEXITED(status));
+	told = lseek(errors, 0, SEEK_END) > 0;
+	close(errors);
 	return WEXITSTATUS(status);
 }
 
@@ -234,8 +241,10 @@ static void test_lost(void **state)
 	(void)state;
 	assert_true(none > 0);
 	assert_int_equal(status_without(0, table_on_terminal, 0), 0);
+	assert_false(told);
 	assert_int_equal(status_without(cell, table_on_terminal, 0), none);
 	assert_int_equal(status_without(cell, table_on_terminal, none + 1), none + 1);
+	assert_true(told);
 	assert_int_equal(status_without(SIZE_MAX, no_table, 0), none);
 	assert_int_equal(status_without(cell, one_text, 0), none);
 }
