@@ -36,7 +36,7 @@ int run_plan_read(struct run *w, struct err *err)
 	return r == PLAN_FILE_ABSENT ? 0 : r;
 }
 
-/* No block of it was sent, so nothing has to wait for the disk. */
+/* Does not wait for the disk: the first block that leaves does (run_emit.c). */
 static int plan_keep(struct run *w)
 {
 	w->kept = (struct plan_kept){.load = w->budget.load, .cap = w->budget.cap};
