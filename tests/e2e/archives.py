@@ -188,7 +188,7 @@ def names_that_lead_away():
     before = everything(BASE + "/deep")
     expect(mesh(archive, env={"TMPDIR": temp})["points"] == 300 * len(names), "not all members")
     expect(everything(BASE + "/deep") == before, "a mesh wrote: %s" % (everything(BASE + "/deep") ^ before))
-    r = D.ctl("ingest", "away", place, "--settle", "0", env={"TMPDIR": temp}).ok()
+    D.ctl("ingest", "away", place, "--settle", "0", env={"TMPDIR": temp}).ok()
     expect(everything(BASE + "/deep") == before - {archive} | {place + "/" + n for n in ("done", "failed", "done/away.zip")}, "%s" % everything(BASE + "/deep"))
     for name in ("./a.xyz", "../x/a.xyz"):
         expect(mesh(packed("dot.zip", [(name, points)]))["points"] == 300, name)
@@ -300,14 +300,7 @@ def interrupted():
 
 
 def holds_file_in(pid, folder):
-    names = "/proc/%d/fd/" % pid
-    for n in os.listdir(names):
-        try:
-            if os.readlink(names + n).startswith(folder + "/"):
-                return True
-        except FileNotFoundError:
-            pass
-    return False
+    return any(name.startswith(folder + "/") for name in e2e.files_of(pid))
 
 
 def others():

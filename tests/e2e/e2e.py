@@ -122,6 +122,17 @@ def end_daemons(base):
             os.kill(int(pid), signal.SIGKILL)
 
 
+def files_of(pid):
+    """The paths of the descriptors that a process has open, in order, and without those that it closes meanwhile."""
+    folder, found = "/proc/%d/fd/" % pid, []
+    for n in os.listdir(folder):
+        try:
+            found.append(os.readlink(folder + n))
+        except FileNotFoundError:
+            pass
+    return sorted(found)
+
+
 def sanitized():
     """True if acutd was built with a sanitizer: its memory is then not the product's."""
     try:

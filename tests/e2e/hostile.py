@@ -373,14 +373,7 @@ def the_whole_way_still_works():
 def nothing_leaks():
     """Runs the cases again: descriptors and resident memory end where they were."""
     def descriptors():
-        return sorted(os.readlink("/proc/%d/fd/%s" % (DAEMON.process.pid, n))
-                      for n in os.listdir("/proc/%d/fd" % DAEMON.process.pid))
-
-    def settle(want):
-        deadline = time.monotonic() + e2e.PATIENCE
-        while time.monotonic() < deadline and len(descriptors()) > want:
-            time.sleep(0.05)
-        return descriptors()
+        return e2e.files_of(DAEMON.process.pid)
 
     def held():
         return {e.name: e.bytes for e in QUIET.ask("status_request", pb.StatusRequest()).ledger}
@@ -389,9 +382,8 @@ def nothing_leaks():
     before, ledger = descriptors(), held()
     for case in CASES[:-2]:
         case()
-    after = settle(len(before))
-    expect(len(after) <= len(before), "descriptors: %s" % sorted(set(after) - set(before)))
-    expect(held().get("message", 0) <= ledger.get("message", 0) + 4096, "ledger: %s, before %s" % (held(), ledger))
+    e2e.until(lambda: len(descriptors()) <= len(before), lambda: "descriptors: %s" % sorted(set(descriptors()) - set(before)), 0.05)
+    e2e.until(lambda: held().get("message", 0) <= ledger.get("message", 0) + 4096, lambda: "ledger: %s, before %s" % (held(), ledger))
     expect(DAEMON.vmhwm() <= (256 << 20) + (32 << 20), "VmHWM %d" % DAEMON.vmhwm())
 
 

@@ -196,15 +196,15 @@ def files_that_never_close():
             with open(status) as f:
                 said = f.read().split("\n")
             expect(len(said) == 3, "%s" % said)
-            held = files_of(few).count(hangs)
+            held = e2e.files_of(few.process.pid).count(hangs)
             expect(64 <= held <= 66, "%d descriptors of them are open: %s" % (held, said))
             for why in said[1:]:
                 expect("busy" in why and "a file system does not answer" in why, "why he is refused: %s" % said)
             with Client(few.socket, timeout=e2e.PATIENCE) as other, open(plain, "rb") as f:
                 other.ask("info_request", pb.InfoRequest(name="y"), f.fileno())
-            wait_until(lambda: plain not in files_of(few), "the close of another user's file")
+            wait_until(lambda: plain not in e2e.files_of(few.process.pid), "the close of another user's file")
             gate.open()
-            wait_until(lambda: hangs not in files_of(few), "the close of all")
+            wait_until(lambda: hangs not in e2e.files_of(few.process.pid), "the close of all")
             os.waitpid(passes_files(few.socket, plain, 65534, status), 0)
             with open(status) as f:
                 expect(f.read() == "3000", "he is not served again")
@@ -216,7 +216,7 @@ def files_that_never_close():
                 e2e.until(lambda: other.ask("status_request", pb.StatusRequest()).connections == 1, "who is gone while he waits stays connected")
             expect(few.log_text().count("is cut off") == told, "who is gone while he waits stays until he is cut off")
             gate.open()
-            wait_until(lambda: hangs not in files_of(few), "the close of all")
+            wait_until(lambda: hangs not in e2e.files_of(few.process.pid), "the close of all")
             slow = slow_close(few, gate, hangs, status)
             gate.open()
             os.waitpid(slow, 0)
@@ -229,26 +229,15 @@ def slow_close(few, gate, hangs, status):
     gate.close("close", "/hangs.las")
     pid = passes_files(few.socket, hangs, 65534, status)
     try:
-        wait_until(lambda: files_of(few).count(hangs) >= 64, "files that wait for their close")
+        wait_until(lambda: e2e.files_of(few.process.pid).count(hangs) >= 64, "files that wait for their close")
         time.sleep(0.2)
-        held = files_of(few).count(hangs)
+        held = e2e.files_of(few.process.pid).count(hangs)
         expect(64 <= held <= 66, "%d descriptors of them are open" % held)
     except BaseException:
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
         raise
     return pid
-
-
-def files_of(daemon):
-    """The paths of the daemon's open descriptors."""
-    folder, found = "/proc/%d/fd/" % daemon.process.pid, []
-    for n in os.listdir(folder):
-        try:
-            found.append(os.readlink(folder + n))
-        except FileNotFoundError:
-            pass
-    return found
 
 
 def wait_until(cond, what):
