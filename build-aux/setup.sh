@@ -23,15 +23,21 @@ wanted_packages() {
 	done <build-aux/packages
 }
 
-# install_packages KIND...: what is missing of them, and nothing else.
-install_packages() {
-	local name
-	missing=""
+# find_missing KIND...: puts the packages that are missing into $missing, and asks for the right to install them, if there are any.
+find_missing() {
+	local names
 	command -v dpkg-query >/dev/null ||
 		die "this set-up knows Debian packages only; install those of build-aux/packages by hand"
-	for name in $(wanted_packages "$@"); do
-		dpkg-query -W -f='${Status}' "$name" 2>/dev/null | grep -q 'ok installed' || missing="$missing $name"
-	done
+	names=$(wanted_packages "$@")
+	# shellcheck disable=SC2086
+	missing=$(dpkg-query -W -f='${Package}:${Status}\n' $names 2>/dev/null | sed -n 's/:[a-z]* ok installed$//p' |
+		sort -u - | comm -13 - <(sort -u <<<"$names") | sed 's/^/ /' | tr -d '\n') || true # its status is that of names it does not know
+	[ -z "$missing" ] || as_root true || die "these packages are missing, and sudo does not allow to install them:$missing"
+}
+
+# install_packages KIND...: what is missing of them, and nothing else.
+install_packages() {
+	find_missing "$@"
 	[ -n "$missing" ] || return 0
 	say "installing packages:$missing"
 	as_root apt-get -o Acquire::Retries=4 update -qq || die "apt-get update failed"

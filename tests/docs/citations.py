@@ -3,7 +3,6 @@
 underscore, which some code or build file must have. The same for files and names that pages cite as code."""
 import os
 import re
-import subprocess
 import sys
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -22,11 +21,11 @@ PAGES = re.compile(r"^(?:docs/design/\w+|ARCHITECTURE|HACKING)\.md$")
 CODE = re.compile(r"```.*?```|`([^`\n]+)`", re.S)
 
 
-def tracked():
-    out = subprocess.run(["git", "ls-files"], cwd=ROOT, stdout=subprocess.PIPE, check=False).stdout.decode().split()
-    if out:
-        return out
-    return [os.path.relpath(os.path.join(folder, f), ROOT) for folder, _, files in os.walk(ROOT) for f in files]
+def tree():
+    """All files but those of build folders, by their paths from the root. Without git, since an archive of the source has none."""
+    for folder, names, files in os.walk(ROOT):
+        names[:] = [n for n in names if not n.startswith((".", "build", "obj-", "fuzz-corpus")) or n == "build-aux"]
+        yield from (os.path.relpath(os.path.join(folder, f), ROOT) for f in files)
 
 
 def headings(path):
@@ -78,7 +77,7 @@ def pages_wrong(files, bases, code):
 
 
 def main():
-    files = tracked()
+    files = list(tree())
     names = {os.path.basename(f) for f in files} | FOREIGN
     pages = {os.path.basename(f): headings(f) for f in files if f.endswith(".md")}
     sections = {h.split(".")[0] for h in pages["algorithm.md"]}
