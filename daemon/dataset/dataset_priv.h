@@ -36,7 +36,7 @@ struct datasets {
 	double merge_delay;                /* seconds that the last merge was postponed for lack of space; 0: it was not */
 	struct dataset_change *changes;    /* a queue: changes whose dataset has another committer */
 	struct dataset_lines *lines;       /* changes that wait for memory to make a line set */
-	struct action *actions;            /* a queue: actions that wait for rows of their dataset */
+	struct action *actions;            /* a queue: actions that wait for the next manifest or row of their dataset */
 };
 
 /* dataset.c */

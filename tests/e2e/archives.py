@@ -287,20 +287,18 @@ def too_much():
 
 def interrupted():
     """A signal while a file is unpacked: its status, and no file stays."""
-    temp = path_of("temp", "x")[:-2]
-    env = dict(os.environ, ACUT_SOCKET=D.socket, TMPDIR=temp)
+    temp, gate = path_of("temp", "x")[:-2], e2e.Gate(BASE)
+    env = dict(os.environ, ACUT_SOCKET=D.socket, TMPDIR=temp, **gate.env)
     for number in (signal.SIGINT, signal.SIGTERM):
         for words in (["mesh", "-o", path_of("out.ply")], ["info"], ["push", "interrupted"]):
+            gate.close("pwrite", temp, 1)
             p = subprocess.Popen([ACUTCTL] + words + [path_of("bomb.xyz.gz")], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-            e2e.until(lambda: p.poll() is not None or holds_file_in(p.pid, temp), "no file is made")
+            expect(gate.wait(lambda: p.poll() is not None), "no file is made")
             p.send_signal(number)
+            gate.open()
             said = p.communicate()[1].decode()
             expect(p.returncode == 128 + number and "interrupted" in said, "%s: %d %s" % (words, p.returncode, said))
             expect(not os.listdir(temp), "a file was left")
-
-
-def holds_file_in(pid, folder):
-    return any(name.startswith(folder + "/") for name in e2e.files_of(pid))
 
 
 def others():

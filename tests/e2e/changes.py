@@ -188,7 +188,7 @@ def frames(source):
 def fetch_frames(c, **fields):
     _, fd = c.ask("fetch", pb.Fetch(**fields))
     try:
-        return frames(PipeReader(fd, 60))
+        return frames(PipeReader(fd, e2e.PATIENCE))
     finally:
         os.close(fd)
 
@@ -199,7 +199,7 @@ class Head:
     def __init__(self, c, **fields):
         _, fd = c.ask("fetch", pb.Fetch(**fields))
         try:
-            source = PipeReader(fd, 60)
+            source = PipeReader(fd, e2e.PATIENCE)
             header = read_all(source, 32)
             high, low = struct.unpack_from("<QQ", read_all(source, struct.unpack_from("<Q", header, 8)[0]), 8)
             self.stream_id = "%016x%016x" % (high, low)
@@ -224,7 +224,7 @@ def goes_on():
         for wrong in others:
             _, fd = c.ask("fetch", pb.Fetch(job=two, changed_since=1, from_block=1, stream_id=wrong))
             try:
-                Mesh(PipeReader(fd, 60))
+                Mesh(PipeReader(fd, e2e.PATIENCE))
             except Exception as e:
                 expect(getattr(e, "code", "") == "stream-gone", repr(e))
             else:

@@ -116,7 +116,7 @@ def reload_has_its_effect():
             # Both are of the command line, which beats the file: nothing to tell.
             expect("memory" not in log and "elsewhere" not in log, log)
             d.ctl("push", "a", survey).ok()
-            expect("client" not in d.since(mark), "log-level = warning: " + d.since(mark))
+            expect("is done" not in d.since(mark), "log-level = warning: " + d.since(mark))
             d.reload("disk = 100M\nkeep-free = 0%\nlog-level = debug\n")
             mark = len(d.log_text())
             d.ctl("ping").ok()

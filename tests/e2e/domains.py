@@ -64,7 +64,7 @@ def a_stopped_reader_costs_no_disk():
         took = written(d) - before
         # A whole stream is 36 bytes a point; its pipe holds a MiB.
         expect(took < 2 * MIB, "%d bytes were written for a reader who does not read" % took)
-        mesh = Mesh(PipeReader(pipe, 120))
+        mesh = Mesh(PipeReader(pipe, e2e.PATIENCE))
         expect(str(mesh.digest) == want["digest"], "another digest: %s" % mesh.digest)
         os.close(pipe)
 

@@ -1,6 +1,7 @@
 """Shared by the end-to-end tests: temporary folders, private daemons, runs of the programs. meson sets the paths of the programs
 (ACUTD, ACUTCTL, ACUT_SYNTH, ACUT_VERIFY, ACUT_DOMAIN). A test prints a line for each case. Its exit status is 0, 1, or 77
 (skipped, with the reason)."""
+import contextlib
 import json
 import math
 import os
@@ -119,7 +120,8 @@ def end_daemons(base):
         except OSError:
             continue
         if os.path.basename(words[0]) == "acutd" and any(w.startswith(base) for w in words):
-            os.kill(int(pid), signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(int(pid), signal.SIGKILL)
 
 
 def files_of(pid):

@@ -138,7 +138,7 @@ class Life:
                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         time.sleep(self.rng.random() * 0.08)
         self.d.stop(signal.SIGKILL)
-        p.wait(60)
+        p.wait(e2e.PATIENCE)
         self.d.start()
         self.ctl("push", self.name, "--scale", "0.01,0.01", *[s.path for s in new]).ok()
         self.next(new)
