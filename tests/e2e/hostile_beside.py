@@ -358,7 +358,7 @@ class Quiet:
     def work(self):
         pings, news = [], []
         with Client(DAEMON.socket, timeout=e2e.PATIENCE) as c:
-            while not select.select([self.end_in], [], [], 0)[0]:
+            while not pings or not select.select([self.end_in], [], [], 0)[0]:
                 for _ in range(5):
                     pings.append(c.ping())
                     time.sleep(0.002)
@@ -427,7 +427,7 @@ def attacker(attack, seed, ready, go):
             os.setgroups([])
             os.setgid(NOBODY)
             os.setuid(NOBODY)
-        greeted().close()  # it may; nobody attacks yet
+        Client(DAEMON.socket).close()  # it may; nobody attacks yet
         os.write(ready[1], b".")
         os.close(ready[1])
         os.read(go[0], 1)

@@ -394,7 +394,7 @@ def nobody_to_push_to():
             las(os.path.join(f, "c%d.las" % i), points=2000, seed=20 + i)
         p = subprocess.Popen([ACUTCTL, "ingest", "away", f, "--settle", "0.3"], env=dict(os.environ, ACUT_SOCKET=short.socket),
                              stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        e2e.until(lambda: is_locked(f), "it does not begin")
+        e2e.until(lambda: p.poll() is not None or is_locked(f), "it does not begin")
         short.process.kill()
         _, err = p.communicate(timeout=e2e.PATIENCE)
         expect(p.returncode in (69, 0) and len(holds(f)) in (40, 0), "%d, %d left: %s" % (p.returncode, len(holds(f)), err))

@@ -74,7 +74,7 @@ def folder(d, name):
 
 
 def settled(d, name, want):
-    e2e.until(lambda: folder(d, name) == want, "the folder has %s, not %s" % (folder(d, name), want))
+    e2e.until(lambda: folder(d, name) == want, lambda: "the folder has %s, not %s" % (folder(d, name), want))
 
 
 def any_order():
@@ -285,8 +285,7 @@ def interrupted():
             expect("1 files" in pending(d, "d"), pending(d, "d"))
             says(push(d, "d", b, c), 0, "not read again")
             expect(mesh(d, "d") == want, "a push that was continued")
-            settled(d, "d", folder(d, "d"))
-            expect(not [n for n in folder(d, "d") if n.startswith("push-")], folder(d, "d"))
+            e2e.until(lambda: not [n for n in folder(d, "d") if n.startswith("push-")], lambda: "what was taken over stays: %s" % folder(d, "d"))
             # Refused, or left: nothing stays.
             before = folder(d, "d")
             tilted = lines(base, "tilted.txt", (4, "lake", [(60, 60, 1), (70, 60, 1), (70, 70, 2)]))
@@ -384,6 +383,7 @@ def revert_in_little_memory():
         with e2e.Daemon(base) as d:
             for p in (a, one, two):
                 push(d, "d", p).ok()
+            e2e.until(lambda: len([n for n in folder(d, "d") if n.startswith("lineset-")]) == 1, "line sets stay")
             d.stop()
         with e2e.Daemon(base, memory="24M") as d:
             before = folder(d, "d")

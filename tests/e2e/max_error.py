@@ -157,27 +157,26 @@ def continued():
             d.ctl("push", "t", path).ok()
             want = mesh_of(settled(d, "t", *view))
         rng, kept, ends = random.Random(11), 0, 0
+        gate = e2e.Gate(base)
         for memory, threads, signals in (("24M", 1, [signal.SIGKILL]), ("256M", 2, [signal.SIGKILL, signal.SIGTERM])):
-            d = e2e.Daemon(base, memory=memory, threads=threads, name="-" + memory)
+            d = e2e.Daemon(base, memory=memory, threads=threads, name="-" + memory, env=gate.env)
             d.start()
             try:
                 d.ctl("push", "t", path).ok()
+                # So many files get their names, and no more.
+                gate.close("renameat", "/selected/part-", 1 + rng.randrange(12))
                 job = d.ctl("submit", "t", *view).ok().out.split()[0]
-                files = set()
-                for n in range(60):
-                    seen = len(files)
-                    e2e.until(lambda: len(set(parts_of(d)) - files) > rng.randrange(3) or selections(d) != selections(d, "part-"),
-                              "no work is done: %s" % selections(d))
-                    if selections(d) != selections(d, "part-"):
-                        break
-                    d.stop(rng.choice(signals))
+                while gate.wait(lambda: selections(d) != selections(d, "part-")):
+                    d.process.send_signal(rng.choice(signals))
+                    gate.open()
+                    d.process.wait(e2e.PATIENCE)
                     before = parts_of(d)
                     ends += 1
-                    files |= set(before)
+                    gate.close("renameat", "/selected/part-", 1 + rng.randrange(12))
                     d.start()
                     after = parts_of(d)
                     kept += len([n for n in before if after.get(n) == before[n]])
-                    expect(len(files) >= seen, "")
+                gate.open()
                 d.ctl("wait", job).ok()
                 expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after %d ends" % ends)
                 expect(not selections(d, "part-"), str(selections(d)))
@@ -187,71 +186,83 @@ def continued():
         expect(ends > 5 and kept > ends, "%d ends, %d files kept: the test saw nothing" % (ends, kept))
 
 
-def caught(d, *view):
-    """A job in the middle of its simplification."""
+def caught(d, gate, *view):
+    """A job that is held in the middle of its simplification."""
+    gate.close("renameat", "/selected/part-", 4)
     job = d.ctl("submit", "t", "--new", *view).ok().out.split()[0]
-    e2e.until(lambda: len(parts_of(d)) > 3, "no simplification begins", 0.002)
+    gate.wait()
+    expect(len(parts_of(d)) > 3, str(parts_of(d)))
     return job
 
 
 def cancelled_and_damaged():
-    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=1) as d:
-        d.ctl("push", "t", synth(base, "survey.las", 150000, "--density", 1)).ok()
-        view = ["--max-error", "0.05"]
-        want = mesh_of(settled(d, "t", *view))
-        d.ctl("cache", "gc", "--all").ok()
-        job = caught(d, *view)
-        shown = d.ctl("show", job, "--json").json()
-        expect(shown["progress"]["phase"] in ("simplify", "check") and shown["state"] == "planning", str(shown))
-        d.ctl("cancel", job).ok()
-        expect(d.ctl("wait", job).status == 1, "a cancelled job")
-        part = selections(d)
-        expect(len(part) == 1 and part[0].startswith("part-"), "what was done is kept: %s" % part)
-        expect(d.ctl("cache", "verify", "--json").ok().json()["derived_damaged"] == 0, "a part is no damage")
-        # Damage in what is kept: it begins again.
-        folder = os.path.join(d.cache, "selected", part[0])
-        for name in os.listdir(folder):
-            with open(os.path.join(folder, name), "r+b") as f:
-                f.write(b"\xee" * 40)
-        expect(mesh_of(settled(d, "t", *view)) == want, "after damage of a part")
-        kinds = d.ctl("cache", "stat", "--json").ok().json()["kinds"]["selections"]
-        expect(kinds["entries"] == len(selections(d)) == 1, "%s, %s" % (kinds, selections(d)))
-        # Two jobs for one selection; one of another bound beside them.
-        shutil.rmtree(os.path.join(d.cache, "selected"))
-        jobs = [d.ctl("submit", "t", "--new", *v).ok().out.split()[0] for v in (view, view, ["--max-error", "0.5"])]
-        d.ctl("wait", *jobs).ok()
-        expect(len(selections(d)) == 2, str(selections(d)))
-        expect([mesh_of(d.ctl("show", j, "--json").ok().json()) == want for j in jobs] == [True, True, False], "two of one")
-        # What nobody continues is evicted as other derived files are.
-        shutil.rmtree(os.path.join(d.cache, "selected"))
-        job = caught(d, *view)
-        d.ctl("cancel", job).ok()
-        d.ctl("wait", job)
-        d.ctl("cache", "gc", "--all").ok()
-        expect(not selections(d), str(selections(d)))
-        # The whole cache may go while it works.
-        job = caught(d, *view)
-        shutil.rmtree(os.path.join(d.cache, "selected"))
-        d.ctl("wait", job).ok()
-        expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after the cache was removed")
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, memory="24M", threads=1, env=gate.env) as d:
+            cancelled_and_damaged_in(base, d, gate)
+
+
+def cancelled_and_damaged_in(base, d, gate):
+    d.ctl("push", "t", synth(base, "survey.las", 150000, "--density", 1)).ok()
+    view = ["--max-error", "0.05"]
+    want = mesh_of(settled(d, "t", *view))
+    d.ctl("cache", "gc", "--all").ok()
+    job = caught(d, gate, *view)
+    shown = d.ctl("show", job, "--json").json()
+    expect(shown["progress"]["phase"] in ("simplify", "check") and shown["state"] == "planning", str(shown))
+    d.ctl("cancel", job).ok()
+    gate.open()
+    expect(d.ctl("wait", job).status == 1, "a cancelled job")
+    part = selections(d)
+    expect(len(part) == 1 and part[0].startswith("part-"), "what was done is kept: %s" % part)
+    expect(d.ctl("cache", "verify", "--json").ok().json()["derived_damaged"] == 0, "a part is no damage")
+    # Damage in what is kept: it begins again.
+    folder = os.path.join(d.cache, "selected", part[0])
+    for name in os.listdir(folder):
+        with open(os.path.join(folder, name), "r+b") as f:
+            f.write(b"\xee" * 40)
+    expect(mesh_of(settled(d, "t", *view)) == want, "after damage of a part")
+    kinds = d.ctl("cache", "stat", "--json").ok().json()["kinds"]["selections"]
+    expect(kinds["entries"] == len(selections(d)) == 1, "%s, %s" % (kinds, selections(d)))
+    # Two jobs for one selection; one of another bound beside them.
+    shutil.rmtree(os.path.join(d.cache, "selected"))
+    jobs = [d.ctl("submit", "t", "--new", *v).ok().out.split()[0] for v in (view, view, ["--max-error", "0.5"])]
+    d.ctl("wait", *jobs).ok()
+    expect(len(selections(d)) == 2, str(selections(d)))
+    expect([mesh_of(d.ctl("show", j, "--json").ok().json()) == want for j in jobs] == [True, True, False], "two of one")
+    # What nobody continues is evicted as other derived files are.
+    shutil.rmtree(os.path.join(d.cache, "selected"))
+    job = caught(d, gate, *view)
+    d.ctl("cancel", job).ok()
+    gate.open()
+    d.ctl("wait", job)
+    d.ctl("cache", "gc", "--all").ok()
+    expect(not selections(d), str(selections(d)))
+    # The whole cache may go while it works.
+    job = caught(d, gate, *view)
+    shutil.rmtree(os.path.join(d.cache, "selected"))
+    gate.open()
+    d.ctl("wait", job).ok()
+    expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after the cache was removed")
 
 
 def damaged_while_it_runs():
     """A task fails: all begins again, and what failed is forgotten."""
-    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=1) as d:
-        d.ctl("push", "t", synth(base, "survey.las", 300000, "--density", 1)).ok()
-        view = ["--max-error", "0.05"]
-        want = mesh_of(settled(d, "t", *view))
-        for _ in range(3):
-            d.ctl("cache", "gc", "--all").ok()
-            job = d.ctl("submit", "t", "--new", *view).ok().out.split()[0]
-            e2e.until(lambda: "part-0-0-0" in parts_of(d), "no block is done", 0.002)
-            with open(os.path.join(d.cache, "selected", selections(d, "part-")[0], "blocks"), "r+b") as f:
-                f.write(b"\xee" * 40)
-            d.ctl("wait", job).ok()
-            expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after damage of the blocks")
-        with open(d.log) as f:
-            print("%d of 3 began again" % f.read().count("it begins again"))
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, memory="24M", threads=1, env=gate.env) as d:
+            d.ctl("push", "t", synth(base, "survey.las", 300000, "--density", 1)).ok()
+            view = ["--max-error", "0.05"]
+            want = mesh_of(settled(d, "t", *view))
+            for _ in range(3):
+                d.ctl("cache", "gc", "--all").ok()
+                job = caught(d, gate, *view)
+                with open(os.path.join(d.cache, "selected", selections(d, "part-")[0], "blocks"), "r+b") as f:
+                    f.write(b"\xee" * 40)
+                gate.open()
+                d.ctl("wait", job).ok()
+                expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after damage of the blocks")
+            expect(d.log_text().count("it begins again") == 3, "what was damaged was taken")
 
 
 def without_room():
@@ -323,7 +334,7 @@ def used_again():
                 f.seek(60)
                 f.write(b"\xee" * 3)
             shutil.rmtree(os.path.join(d.cache, "domains"))
-            os.mkdir(os.path.join(d.cache, "domains"))
+            os.makedirs(os.path.join(d.cache, "domains"), exist_ok=True) # acutd may have made it already
             again = settled(d, "t", *view)
             expect(mesh_of(again) == mesh_of(job) and selections(d) == made, "after damage of %s: %s" % (harm, selections(d)))
         # Changes between two generations are changes of the simplified meshes.

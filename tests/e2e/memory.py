@@ -458,14 +458,15 @@ def names(b, n):
 
 
 def at_rest(b):
-    """All memory was released."""
-    for _ in range(100):
-        held = b.ctl("status", "--json").ok().json()
-        if sum(held["ledger"].values()) < 8 * MIB and not held["jobs_running"]:
-            break
-        time.sleep(0.1)
-    for name in ("stage", "domain", "emitter", "pipe", "input", "index", "plan", "files", "manifest"):
-        expect(not held["ledger"][name], "%s still holds %d bytes" % (name, held["ledger"][name]))
+    """All memory is released."""
+    held = {}
+
+    def is_released():
+        ledger = b.ctl("status", "--json").ok().json()["ledger"]
+        held.update(ledger)
+        return sum(ledger.values()) < 8 * MIB and not any(
+            ledger[name] for name in ("stage", "domain", "emitter", "pipe", "input", "index", "plan", "files", "manifest"))
+    e2e.until(is_released, lambda: "memory is still held: %s" % held)
 
 
 # ---- the cases ----

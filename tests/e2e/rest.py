@@ -24,8 +24,11 @@ def used(pid):
     """Wake-ups of all its threads (voluntary switches, without preemptions), and seconds of CPU time."""
     woken = 0
     for task in os.listdir("/proc/%d/task" % pid):
-        with open("/proc/%d/task/%s/status" % (pid, task)) as f:
-            woken += sum(int(line.split()[1]) for line in f if line.startswith("voluntary_ctxt_switches"))
+        try:
+            with open("/proc/%d/task/%s/status" % (pid, task)) as f:
+                woken += sum(int(line.split()[1]) for line in f if line.startswith("voluntary_ctxt_switches"))
+        except (FileNotFoundError, ProcessLookupError):
+            pass  # it has ended
     with open("/proc/%d/stat" % pid) as f:
         ticks = sum(int(v) for v in f.read().rsplit(")", 1)[1].split()[11:13])
     return woken, ticks / os.sysconf("SC_CLK_TCK")
