@@ -57,9 +57,10 @@ bool session_cut_off(void)
 	if (fstat(STDIN_FILENO, &st))
 		return false;
 	if (S_ISSOCK(st.st_mode))
-		return console_is_gone(STDIN_FILENO, &other);
-	gone = S_ISFIFO(st.st_mode) && console_is_gone(STDOUT_FILENO, &other);
-	return gone && (console_is_gone(STDERR_FILENO, &other) || other);
+		return console_is_gone(STDIN_FILENO, 0, &other);
+	gone = S_ISFIFO(st.st_mode) && console_is_gone(STDOUT_FILENO, 0, &other);
+	/* sshd closes standard output, input and error in this order, and other programs may run between. */
+	return gone && (console_is_gone(STDERR_FILENO, 5000, &other) || other);
 }
 
 int session_interrupted(void *ctx)

@@ -157,20 +157,20 @@ void console_progress_clear(struct console *c)
 	c->progress_shown = false;
 }
 
-bool console_is_gone(int fd, bool *ret_other)
+bool console_is_gone(int fd, int ms, bool *ret_other)
 {
 	struct pollfd p = {.fd = fd};
 	struct stat st;
 
 	*ret_other = fstat(fd, &st) || !(S_ISFIFO(st.st_mode) || S_ISSOCK(st.st_mode));
-	return !*ret_other && poll(&p, 1, 0) == 1 && (p.revents & (POLLERR | POLLHUP));
+	return !*ret_other && poll(&p, 1, ms) == 1 && (p.revents & (POLLERR | POLLHUP));
 }
 
 bool console_reader_gone(void)
 {
 	bool other;
 
-	return console_is_gone(STDOUT_FILENO, &other);
+	return console_is_gone(STDOUT_FILENO, 0, &other);
 }
 
 int console_end(struct console *c, int status)

@@ -58,8 +58,8 @@ bool console_progress_on(const struct console *);
 void console_progress(struct console *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 void console_progress_clear(struct console *);
 
-/* It is a pipe or socket whose other end is closed; *ret_other: it is neither. */
-bool console_is_gone(int fd, bool *ret_other);
+/* It is a pipe or socket whose other end is closed, or is closed within `ms`; *ret_other: it is neither. */
+bool console_is_gone(int fd, int ms, bool *ret_other);
 /* Nobody reads standard output any more. */
 bool console_reader_gone(void);
 /* At the end of the program: results that cannot be written, or for which there was no memory, are an error. Exit status. */

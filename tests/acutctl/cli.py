@@ -25,7 +25,7 @@ def run(*args, env=None, cwd=None, stdin=b"", out=subprocess.PIPE):
     full = {k: v for k, v in os.environ.items() if not k.startswith(("ACUT_", "XDG_"))}
     full["ACUT_SOCKET"] = "/nonexistent/acutd.sock"
     full.update(env or {})
-    p = subprocess.run([ACUTCTL, *args], input=stdin, stdout=out, stderr=subprocess.PIPE, env=full, cwd=cwd, timeout=60)
+    p = subprocess.run([ACUTCTL, *args], input=stdin, stdout=out, stderr=subprocess.PIPE, env=full, cwd=cwd, timeout=e2e.PATIENCE)
     return p.returncode, (p.stdout or b"").decode(), p.stderr.decode()
 
 

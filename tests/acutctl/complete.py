@@ -154,8 +154,8 @@ def in_zsh():
             os.execvpe("zsh", ["zsh", "-i"], env)
         os.set_blocking(terminal, False)
 
-        def until(wanted, seconds=15):
-            seen, end = "", time.monotonic() + seconds
+        def until(wanted):
+            seen, end = "", time.monotonic() + e2e.PATIENCE
             while time.monotonic() < end:
                 if select.select([terminal], [], [], 0.1)[0]:
                     try:

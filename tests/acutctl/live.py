@@ -73,11 +73,11 @@ class Place:
         return found
 
     def end(self):
-        for pid in self.daemons():
-            os.kill(pid, signal.SIGTERM)
-        wait_for(lambda: not self.daemons())
-        for pid in self.daemons():
-            os.kill(pid, signal.SIGKILL)
+        for sig in (signal.SIGTERM, signal.SIGKILL):
+            for pid in self.daemons():
+                with contextlib.suppress(ProcessLookupError):  # one of a single command ends by itself
+                    os.kill(pid, sig)
+            wait_for(lambda: not self.daemons())
 
 
 def wait_for(cond):

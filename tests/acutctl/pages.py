@@ -35,7 +35,7 @@ def groff_is_silent():
     if not shutil.which("groff"):
         e2e.unavailable("groff is not installed")
     for page in built:
-        p = subprocess.run(["groff", "-man", "-t", "-ww", "-Kutf8", "-Tutf8", "-z", page], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60)
+        p = subprocess.run(["groff", "-man", "-t", "-ww", "-Kutf8", "-Tutf8", "-z", page], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=e2e.PATIENCE)
         expect(p.returncode == 0 and not p.stdout, "%s: %s" % (page, p.stdout.decode()))
 
 
@@ -116,7 +116,7 @@ def examples_run():
                     if "| jq" in line and not shutil.which("jq"):
                         line = line.split("|")[0]
                     p = subprocess.run(["bash", "-o", "pipefail", "-c", line.replace("\\\\", "\\")], cwd=base, env=env, stdin=subprocess.DEVNULL,
-                                       stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+                                       stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
                     expect(p.returncode == 0, "%s: %s\nended with %d\n%s%s" % (name, line, p.returncode, p.stdout.decode(), p.stderr.decode()))
 
 
@@ -145,12 +145,12 @@ def protocol_example_runs():
         e2e.unavailable("protoc is not installed")
     code = re.search(r"^```\n(.*?)^```", text_of("acut-protocol.7.scd"), re.M | re.S).group(1)
     with Folder() as base:
-        subprocess.run(["protoc", "--python_out=" + base, "-I" + SOURCE + "/proto", "acut.proto"], check=True, timeout=60)
+        subprocess.run(["protoc", "--python_out=" + base, "-I" + SOURCE + "/proto", "acut.proto"], check=True, timeout=e2e.PATIENCE)
         with Daemon(base, memory="64M") as d:
             expect("/run/acut/acutd.sock" in code, "the example has another socket")
             with open(base + "/ping.py", "w") as f:
                 f.write(code.replace("/run/acut/acutd.sock", d.socket))
-            got = e2e.run([sys.executable, base + "/ping.py"], timeout=30).ok().out.split()
+            got = e2e.run([sys.executable, base + "/ping.py"], timeout=e2e.PATIENCE).ok().out.split()
             expect(len(got) == 2 and got[1] == "done", "%s" % got)
 
 

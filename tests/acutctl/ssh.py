@@ -146,10 +146,25 @@ def statuses(base, box, d):
             (("fetch", "99999", "-o", "-"), None, 4, "99999"), (("fetch", "1"), None, 2, "no output"),
             (("push", "broken", "-", "--input-format", "las"), b"not a LAS file at all", 1, "standard input"),
             (("submit", "nothing"), None, 4, "nothing"), (("jobs", "--socket", base + "/none"), None, 69, "none"),
-            (("wait", "1", "--timeout", "5"), None, 0, "")):
+            (("wait", "1", "--timeout", str(e2e.PATIENCE)), None, 0, "")):
         got = box.run(*words, data=data)
         expect(got[0] == status and said in got[2] + got[1].decode(), "%s: %s" % (words, got))
         expect(status == 0 or got[1] == b"", "an error on standard output: %s" % (got,))
+
+
+def ends_one_after_the_other(d):
+    """A stream without ssh, whose ends are closed as sshd closes them, with time between."""
+    (stdin, feed), (out, stdout), (err, stderr) = (os.pipe() for _ in range(3))
+    p = subprocess.Popen([ACUTCTL, "push", "new", "-", "--input-format", "xyz"], stdin=stdin, stdout=stdout, stderr=stderr,
+                         env=dict(os.environ, ACUT_SOCKET=d.socket))
+    for fd in (stdin, stdout, stderr):
+        os.close(fd)
+    os.write(feed, b"0 0 1\n10 0 2\n0 10 3\n")
+    os.close(out)
+    os.close(feed)
+    time.sleep(0.1)
+    os.close(err)
+    p.wait(e2e.PATIENCE)
 
 
 def cut_off(base, box, d):
@@ -166,6 +181,8 @@ def cut_off(base, box, d):
             cut(p, data, mark, d)
             got = names()
             expect(got.get("valley") == before["valley"] and got.get("new", 0) == 0, "a half of %s: %s" % (kind, got))
+    ends_one_after_the_other(d)
+    expect(names().get("new", 0) == 0, "ends that were closed one after the other: %s" % names())
     # Later the whole file is pushed.
     p = box.run("push", "new", "-", "--input-format", "xyz", "--name", "cut", data=text)
     expect(p[0] == 0 and names()["new"] == 1 and d.ctl("dataset", "show", "new", "--json").json()["points"] == 40000, "%s" % (p,))

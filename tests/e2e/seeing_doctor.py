@@ -1,5 +1,6 @@
 """`acutctl doctor`: each check finds the problem that it is there for."""
 import os
+import re
 import shutil
 import signal
 import socket
@@ -27,7 +28,9 @@ def doctor(d, want, env=None, ctl=None, **states):
             expect(len(checks[name]["message"]) > 10 and (checks[name]["hint"] or name == "start"), "no hint: %s" % checks[name])
     for name, c in checks.items():
         if name not in states and name not in ("time", "start"):
-            expect(c["state"] == "ok" or (name in ("verify", "state", "cache") and c["state"] == "warning"), "%s: %s" % (name, c))
+            slow = re.match(r"acutd took (\d+\.\d) seconds to answer", c["message"])  # a busy machine
+            expect(c["state"] == "ok" or (name in ("verify", "state", "cache") or slow and float(slow[1]) >= 1) and c["state"] == "warning",
+                   "%s: %s" % (name, c))
     expect(got["wrong"] == len([c for c in got["checks"] if c["state"] == "wrong"]), "number of wrong ones")
     text = ctl("doctor") if ctl else d.ctl("doctor", env=env)
     expect(text.status == want and all(c["name"] in text.out for c in got["checks"]), text.out)
@@ -36,7 +39,7 @@ def doctor(d, want, env=None, ctl=None, **states):
 
 def doctor_finds_the_socket():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
-        checks = doctor(d, 0, socket="ok", version="ok", answer="ok", rights="ok", group="ok", files="ok", damage="ok", log="ok")
+        checks = doctor(d, 0, socket="ok", version="ok", rights="ok", group="ok", files="ok", damage="ok", log="ok")
         expect("administrator" in checks["rights"]["message"], checks["rights"])
         sock = d.socket
         d.stop()
@@ -65,7 +68,7 @@ def doctor_tells_who_may_not():
 
 
 def doctor_sees_the_disk():
-    with e2e.Folder() as base, e2e.Daemon(base, args=["--keep-free", "99%"]) as d:
+    with e2e.Folder() as base, e2e.Daemon(base, args=["--keep-free", "1000T"]) as d:
         checks = doctor(d, 1, state="wrong", cache="wrong")
         expect("have to stay free" in checks["state"]["message"] and "cache gc" in checks["state"]["hint"], checks["state"])
     with e2e.Folder() as base:
@@ -126,14 +129,16 @@ def doctor_remembers_the_verification():
         with e2e.Daemon(base) as d:
             d.ctl("push", "vol", survey(base)).ok()
             expect(doctor(d, 0, verify="warning")["verify"]["message"] == "what is stored was never verified", "never")
+            begun = time.time()
             d.ctl("cache", "verify").ok()
             expect("verified: " in d.log_text(), "not told")
             doctor(d, 0, verify="ok")
-            expect(total(d, "acut_last_verify_timestamp_seconds") > time.time() - 60, "when")
+            when = total(d, "acut_last_verify_timestamp_seconds")
+            expect(begun - 1 < when < time.time() + 1, "when")
             d.stop()
             d.start()
             doctor(d, 0, verify="ok")
-            expect(total(d, "acut_last_verify_timestamp_seconds") > time.time() - 60, "forgotten")
+            expect(abs(total(d, "acut_last_verify_timestamp_seconds") - when) < 1, "forgotten")
             for p in files_below(d.state, lambda n: n.endswith(".seg")):
                 flip(p, 40000)
             expect(d.ctl("cache", "verify").status == 1, "whole")
@@ -203,7 +208,8 @@ def doctor_compares_clocks():
             f.write(CLOCK)
         e2e.run(["cc", "-shared", "-fPIC", "-o", lib, source]).ok()
         env = {"LD_PRELOAD": lib, "CLOCK_SHIFT": "-3600"}
-        expect("3600 seconds" in doctor(d, 0, env=env, clock="warning")["clock"]["message"], "skew")
+        told = doctor(d, 0, env=env, clock="warning")["clock"]["message"]
+        expect(3600 <= int(re.search(r"differ by (\d+) seconds", told)[1]) < 3600 + e2e.PATIENCE, told)  # and what the question took
         d.stop()
         d.env.update(LD_PRELOAD=lib, CLOCK_SHIFT="-1600000000")
         d.start()
@@ -246,11 +252,12 @@ def doctor_names_a_file_that_hangs():
             good, hangs = survey(base), os.path.join(base, "hangs.las")
             shutil.copy(good, hangs)
             gate.close("pread", "hangs", 0, "acutd")
+            begun = time.monotonic()
             p = subprocess.Popen([e2e.ACUTCTL, "push", "stuck", hangs], env={**os.environ, "ACUT_SOCKET": d.socket},
                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE)
             gate.wait()
             pushes = lambda: [c for c in d.ctl("doctor", "--json").json()["checks"] if c["name"] == "pushes"][0]
-            expect(pushes()["state"] == "ok", "at once")
+            expect(pushes()["state"] == "ok" or time.monotonic() - begun >= 15, "at once")
             d.ctl("push", "other", good, timeout=e2e.PATIENCE).ok()
             d.ctl("submit", "other", "--wait", timeout=e2e.PATIENCE).ok()
             stalled = lambda: [c for c in [pushes()] if c["state"] == "warning"]

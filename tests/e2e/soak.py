@@ -271,8 +271,8 @@ def descriptors(pid):
     return dict(kinds)
 
 
-def status_number(pid, key):
-    with open("/proc/%d/status" % pid) as f:
+def proc_number(pid, file, key):
+    with open("/proc/%d/%s" % (pid, file)) as f:
         for row in f:
             if row.startswith(key + ":"):
                 return int(row.split()[1])
@@ -301,7 +301,7 @@ def held(d):
     time.sleep(0.3)  # the daemon hears that those who asked have gone
     return {
         "descriptors": descriptors(d.process.pid),
-        "threads": status_number(d.process.pid, "Threads"),
+        "threads": proc_number(d.process.pid, "status", "Threads"),
         "ledger": {k: v for k, v in status["ledger"].items() if k != "jobs"},
         "ledger, for the jobs that are there": status["ledger"].get("jobs", 0),
         "jobs running and waiting": (status["jobs_running"], status["jobs_waiting"]),
@@ -402,11 +402,12 @@ def soak(seconds, seed):
             warm(world, d)
             remove_jobs(d)
             before = quiet(d)
-            samples = [status_number(d.process.pid, "VmRSS") << 10]
+            # Status has it without the last pages of each processor.
+            samples = [proc_number(d.process.pid, "smaps_rollup", "Rss") << 10]
             for i in range(rounds):
                 a_round(world, d, "%s round %d" % (seed, i), seconds / rounds)
                 after = quiet(d)
-                samples.append(status_number(d.process.pid, "VmRSS") << 10)
+                samples.append(proc_number(d.process.pid, "smaps_rollup", "Rss") << 10)
                 check_same(before, after, "after round %d" % (i + 1), ("ledger, for the jobs that are there",))
             print("done:", ", ".join("%d %s" % (n, k) for k, n in sorted(world.done.items())))
             print("lost races:", dict(world.races))

@@ -42,11 +42,10 @@ def a_file_system_that_is_full(base, at, d):
     want = digests(d, "a")
     # Another program takes the rest.
     hog = os.path.join(at, "hog")
-    with open(hog, "wb") as f:
+    with open(hog, "wb", buffering=0) as f:
         try:
             while True:
                 f.write(bytes(1 << 16))
-                f.flush()
         except OSError:
             pass
     r = d.ctl("push", "b", synth(os.path.join(base, "b.las"), 60000, 2))
@@ -58,7 +57,7 @@ def a_file_system_that_is_full(base, at, d):
     expect(digests(d, "a") == want, "another mesh")
 
 
-@with_disk_of("32m", "64M", "--disk", "100%", "--keep-free", "2M", "--space-wait", "9")
+@with_disk_of("32m", "64M", "--disk", "100%", "--keep-free", "2M", "--space-wait", str(e2e.PATIENCE))
 def room_that_others_give_back(base, at, d):
     """A stream waits for space that another program has: the free space is measured again as long as a job waits."""
     d.ctl("push", "a", synth(os.path.join(base, "a.las"), 400000)).ok()

@@ -214,7 +214,7 @@ def stream_of(d, job, **more):
     _, fd = c.ask("fetch", pb.Fetch(job=job, **more))
     data = b""
     while True:
-        part = os.read(fd, 1 << 20) if select.select([fd], [], [], 30)[0] else b""
+        part = os.read(fd, 1 << 20) if select.select([fd], [], [], e2e.PATIENCE)[0] else b""
         if not part:
             break
         data += part

@@ -55,8 +55,8 @@ class Browser:
         os.close(self.back)
 
     def attach(self):
-        target = next(t for t in self.call("Target.getTargets")["targetInfos"] if t["type"] == "page")
-        self.session = self.call("Target.attachToTarget", targetId=target["targetId"], flatten=True)["sessionId"]
+        pages = until(lambda: [t for t in self.call("Target.getTargets")["targetInfos"] if t["type"] == "page"], "chromium has no page")
+        self.session = self.call("Target.attachToTarget", targetId=pages[0]["targetId"], flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(domain + ".enable")
 
@@ -105,11 +105,12 @@ class Browser:
     # ---- the page ----
 
     def open(self, path):
+        self.value("window.left = true")  # until the next page is there
         self.call("Page.navigate", url="file://" + path)
 
     def ready(self):
         """Waits until the page has its mesh, or has said why not; true if it has."""
-        until(lambda: self.value("document.readyState === 'complete' && Boolean(window.acut)"), "the page runs no script")
+        until(lambda: self.value("document.readyState === 'complete' && Boolean(window.acut) && !window.left"), "the page runs no script")
         return self.value("acut.ready")
 
     def value(self, expression):
@@ -117,6 +118,11 @@ class Browser:
         r = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         expect("exceptionDetails" not in r, "%s: %s" % (expression[:80], r.get("exceptionDetails")))
         return r["result"].get("value")
+
+    def seconds(self):
+        """CPU time of the page's thread, which other programs do not lengthen."""
+        self.call("Performance.enable", timeDomain="threadTicks")
+        return next(m["value"] for m in self.call("Performance.getMetrics")["metrics"] if m["name"] == "ThreadTime")
 
     def size(self, width, height, mobile=False, ratio=1):
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=ratio, mobile=mobile)

@@ -2,6 +2,7 @@
 half-copied and repeated ones, corrected ones, two runs at once, no daemon, a daemon and a script that are killed in the middle
 of a push, a full disk. At the end nothing is lost and nothing doubled: the dataset is the one that the right files make, in
 a new store, by acutctl."""
+import fcntl
 import glob
 import hashlib
 import os
@@ -66,6 +67,15 @@ class Week:
         if counts:
             expect(got == list(map(str, counts)), "%s: added, known, broken, waiting are %s, not %s\n%s" % (what, got, counts, text))
         return text
+
+    def free(self):
+        """The lock ends with the last process that has it, also an acutctl that outlives the script."""
+        with open(os.path.join(self.incoming, ".lock")) as f:
+            try:
+                fcntl.flock(f, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+        return True
 
     def left(self):
         return sorted(n for n in os.listdir(self.incoming) if n.endswith(".las"))
@@ -165,6 +175,7 @@ def live(w, d, make):
     os.killpg(p.pid, signal.SIGKILL)
     w.gate.open()
     w.finish(p, "the script is killed in a push", -signal.SIGKILL)
+    until(w.free, "what the script had started holds its lock")
     w.run("and runs again", 0)
     w.run("and once more", 0, 0, 0, 0, 0)
     check(w, d, right)

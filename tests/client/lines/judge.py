@@ -148,7 +148,7 @@ def what_people_read():
         expect(r.status == 3 and "3 usable" in r.out, r.err)
         r = e2e.run([ACUTCTL, "info", "--layer", "none", a])
         expect(r.status == 1 and 'no layer "none"' in r.err and "its layers: l" in r.err, r.err)
-        r = subprocess.run([ACUTCTL, "info", "--lines", "--input-format", "xyz", "-"], input=b"1", stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+        r = subprocess.run([ACUTCTL, "info", "--lines", "--input-format", "xyz", "-"], input=b"1", stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
         expect(r.returncode == 2 and b"not from pipes" in r.stderr, r.stderr.decode())
         survey = base + "/s.xyz"
         with open(survey, "w") as f:
