@@ -1,5 +1,6 @@
 """Shared by the tests of faults on a real acutd: a daemon that is started many times and timed, work whose acknowledgements are
 recorded, and a check of what must be there after a fault. The rest is in ../e2e/e2e.py."""
+import contextlib
 import json
 import os
 import shutil
@@ -102,7 +103,8 @@ class Store:
 
     def kill_inner(self):
         """Kills acutd itself; a prefix ends with it."""
-        os.kill(self.pid(), signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):  # strace has killed it just now
+            os.kill(self.pid(), signal.SIGKILL)
 
     def stop(self):
         if self.alive():
