@@ -162,8 +162,10 @@ def controller(base, s):
     s.until("tasks run", lambda: sum(r[2] == "RUNNING" for r in s.queue()) == 3)
     time.sleep(2)
     s.do("restart")
+    s.queue()  # it answers
+    time.sleep(2)
     open(w.path + "/go", "w").close()
-    out = p.communicate(timeout=200)[0]
+    out = p.communicate(timeout=240)[0]
     check("the controller restarts", p.returncode == 0 and len(w.done()) == 4, out + w.logs())
     # Nodes that ran something then may be drained ("Duplicate jobid"): `show` has the command.
     for line in w.run("show")[1].splitlines():
