@@ -68,8 +68,6 @@ def slurm(folder, nodes, **settings):
     os.makedirs(folder)
     os.chmod(os.path.dirname(folder), 0o755)  # munge wants that all may reach its socket
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the Slurm ends with the test
-    if "ACUT_SLURM_NOTICES" in os.environ:
-        settings["timeout"] = 6
     env = {**os.environ, **{"SLURM_TEST_" + k.upper(): str(v) for k, v in settings.items()}}
     with free_ports(nodes + 1) as port:
         p = subprocess.run([SLURM, "up", folder, str(nodes), str(port)], env=env, capture_output=True, text=True)
