@@ -33,23 +33,20 @@ def files_below(*tops):
     return sorted(os.path.join(d, n) for top in tops for d, _, names in os.walk(top) for n in names)
 
 
-def await_it(what, said, seconds=100):
-    """Until it is so: a time that is a way out of a hang only."""
-    deadline = time.monotonic() + seconds
-    while not what():
-        expect(time.monotonic() < deadline, "never: %s" % said)
-        time.sleep(0.02)
-
-
 def expect_clean(d):
-    """Nothing temporary: the catalogue, locks, and per dataset its manifests and sealed segments."""
-    # Folders are removed in the background.
-    await_it(lambda: not os.listdir(os.path.join(d.cache, "one-step")), "one-step datasets stay behind")
-    expect(not files_below(os.path.join(d.cache, "tmp")), "temporary files: %s" % files_below(d.cache + "/tmp"))
-    for folder in sorted(os.listdir(os.path.join(d.state, "datasets"))):
-        names = os.listdir(os.path.join(d.state, "datasets", folder))
-        expect(names and any(n.startswith("manifest-") for n in names), "folder %s without a manifest: %s" % (folder, names))
-        expect(not any(n.endswith(".tmp") or ".run" in n for n in names), "runs stay behind: %s" % names)
+    """Nothing temporary: the catalogue, locks, and per dataset its manifests and sealed segments. Files are removed in the background."""
+    def left():
+        try:
+            found = os.listdir(os.path.join(d.cache, "one-step")) + files_below(os.path.join(d.cache, "tmp"))
+            for folder in os.listdir(os.path.join(d.state, "datasets")):
+                names = os.listdir(os.path.join(d.state, "datasets", folder))
+                found += [folder + "/" + n for n in names if n.endswith(".tmp") or ".run" in n]
+                found += [] if any(n.startswith("manifest-") for n in names) else [folder + " without a manifest"]
+        except FileNotFoundError as gone:
+            found = [gone.filename]
+        return found
+
+    e2e.until(lambda: not left(), lambda: "left behind: %s" % left())
 
 
 def digest_of(d, *args):
@@ -325,7 +322,7 @@ def killed_at_any_moment():
                 committed = staged(d)
                 push = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "a", second],
                                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-                await_it(lambda: staged(d) >= committed + more or push.poll() is not None, "the push writes %d bytes" % more)
+                e2e.until(lambda: staged(d) >= committed + more or push.poll() is not None, "the push writes %d bytes" % more)
                 d.stop(signal.SIGKILL)
                 push.wait(100)
             with d:
@@ -365,10 +362,10 @@ def stopped_while_busy():
                            r["progress"]["domains"] < r["progress"]["domains_total"] for r in rows)
 
             # It has begun, and will not end: its client takes nothing any more.
-            await_it(lambda: meshing() or mesh.poll() is not None, "the mesh begins")
+            e2e.until(lambda: meshing() or mesh.poll() is not None, "the mesh begins")
             mesh.send_signal(signal.SIGSTOP)
             cut = meshing()
-            await_it(lambda: staged(d) > before or push.poll() is not None, "the push begins")
+            e2e.until(lambda: staged(d) > before or push.poll() is not None, "the push begins")
             status, took = e2e.worked(lambda: d.stop(signal.SIGTERM, 100), d.process)
             expect(status == 0, "status")
             expect(took < 10, "it worked for %.1f s" % took)
@@ -388,14 +385,14 @@ def never_read_stream():
     its mesh is whole."""
     with Folder() as base, Daemon(base, memory="24M") as d:
         path = survey(base, 250000)
-        with Client(d.socket, timeout=60) as slow:
+        with Client(d.socket) as slow:
             done = slow.push([path])
             job = slow.ask("submit", pb.Submit(dataset=done.dataset, bound=True))
             _, pipe = slow.ask("fetch", pb.Fetch(job=job.id))
             time.sleep(1.0)
-            fast = d.ctl("mesh", path, "-o", base + "/fast.ply", "--json", timeout=120).ok().json()
+            fast = d.ctl("mesh", path, "-o", base + "/fast.ply", "--json", timeout=e2e.PATIENCE).ok().json()
             expect(d.vmhwm() <= (24 + 32) * MIB, "VmHWM %.1f MiB" % (d.vmhwm() / MIB))
-            mesh = acut_wire.Mesh(acut_wire.PipeReader(pipe, 60))
+            mesh = acut_wire.Mesh(acut_wire.PipeReader(pipe, e2e.PATIENCE))
             os.close(pipe)
             expect(slow.wait(job.id).report.digest == fast["digest"], "the slow reader's mesh differs")
             del mesh
@@ -431,7 +428,7 @@ def memory_is_kept():
                 now = held(c)
                 return set(now) <= {"catalogue", "message", "thread", "jobs"} and now.get("jobs", 0) <= kept
 
-            await_it(given_back, "held: %s" % held(c))
+            e2e.until(given_back, "held: %s" % held(c))
         expect_clean(d)
 
 

@@ -304,6 +304,7 @@ static void waits_in_memory(void **state)
 	static struct run_output_calls calls_of;
 	struct dataset *d;
 	struct job *job;
+	uint64_t since;
 
 	(void)state;
 	run_huge_count = 0;
@@ -313,8 +314,9 @@ static void waits_in_memory(void **state)
 	d = push("", POINTS / 2, 1);
 	job = submit(d, true, VIEW);
 	job_fetch(job, &r.output);
-	turn_until(r.sending);
-	turn_until(clock_since(r.sending_ns) > 3 * RUN_STALL_SECONDS);
+	turn_until(r.sending && seen.made == 16);
+	since = clock_mono_ns();
+	turn_until(clock_since(since) > 3 * RUN_STALL_SECONDS);
 	assert_int_equal(seen.made, 16);
 	assert_int_equal(seen.stored, 0);
 	assert_int_equal(r.spools, 0);

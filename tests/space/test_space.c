@@ -432,7 +432,7 @@ static void a_file_system_that_hangs(void **state)
 	while (!hang.held)
 		pthread_cond_wait(&hang.changed, &hang.lock);
 	pthread_mutex_unlock(&hang.lock);
-	alarm(20); /* a hang of this thread */
+	alarm(100); /* a hang of this thread */
 	space_set_counted(s, SPACE_DATASETS, 10 * KIB);
 	assert_false(space_is_exceeded(s));
 	assert_true(space_would_fit(s, SPACE_TEMPORARY, KIB, &lacks));

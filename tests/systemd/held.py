@@ -20,8 +20,11 @@ class Held:
         expect(self.tracer.poll() is None, "strace has ended: %s" % self.tracer.returncode)
         tracers = set()
         for task in os.listdir("/proc/%d/task" % pid):
-            with open("/proc/%d/task/%s/status" % (pid, task)) as f:
-                tracers.update(line.split()[1] for line in f if line.startswith("TracerPid"))
+            try:
+                with open("/proc/%d/task/%s/status" % (pid, task)) as f:
+                    tracers.update(line.split()[1] for line in f if line.startswith("TracerPid"))
+            except OSError:
+                return False  # a thread has just ended
         return tracers == {str(self.tracer.pid)}
 
     def one(self):

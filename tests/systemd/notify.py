@@ -141,7 +141,7 @@ def start_gets_more_time():
         e2e.end_daemons(base) # the process that ended is strace
         m = Manager(base, "hung")
         trace = base + "/trace"
-        d = Daemon(base, env=m.env(), prefix=["strace", "-f", "-qq", "-o", trace, "-e", "trace=fsync,fdatasync", "-e",
+        d = Daemon(base, name="-hung", env=m.env(), prefix=["strace", "-f", "-qq", "-o", trace, "-e", "trace=fsync,fdatasync", "-e",
                                               "inject=fsync,fdatasync:delay_exit=3600000000"])
         log = open(d.log, "ab")
         p = subprocess.Popen(d.command, stdout=log, stderr=log, env=d.env)
@@ -194,12 +194,16 @@ def alive_while_the_disk_is_not():
 
 def at_rest(manager, pid):
     """True if a process was woken for two watchdog messages only; earlier work may still go on at the first."""
-    n, woken = len(manager.all("WATCHDOG=1")), switches(pid)
-    manager.wait("WATCHDOG=1", n + 2)
-    now = switches(pid)
+    n = len(manager.all("WATCHDOG=1"))
+    try:
+        woken = switches(pid)
+        manager.wait("WATCHDOG=1", n + 2)
+        now = switches(pid)
+    except OSError:
+        return False  # a thread has just ended
     count = sum(now.values()) - sum(woken.values())
     print("     idle for 2 signs of life with %d clients: woken %d times; resident %.1f MB" % (IDLE_CLIENTS, count, rss(pid) / 1e6))
-    return count <= 3
+    return now.keys() == woken.keys() and count <= 3
 
 
 def new_dataset_stops_nobody():

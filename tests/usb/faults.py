@@ -145,7 +145,7 @@ def start_fails():
             (TWO.replace("[stop]\nsend = halt\n", ""), "at 1 MB silent", 2, 124, "no answer"))):
         for kernel in kernels(i):
             with Bus(device(source="pattern 2 MB", kernel=kernel, on_command=True, faults=[fault])) as b:
-                r = record(b, commands=commands, patience=1)
+                r = record(b, commands=commands, patience=2 if status == 124 else bus.PATIENCE)
                 m, name = r.model(), "%s %s %r" % (kernel, fault, commands)
                 expect(r.report["status"] == status and word in r.err, "%s: %d %s" % (name, r.report["status"], r.err))
                 expect(m["commands"] == said, "%s: %d commands" % (name, m["commands"]))
@@ -165,7 +165,7 @@ def flood_at_start():
     """A command is not answered while more bytes come than are kept: it fails at its timeout, as if no bytes came."""
     commands = "[start]\nsend = go\nanswer = never\n"
     with Bus(device(source="pattern 40 MB")) as b:
-        r = record(b, commands=commands, patience=1)
+        r = record(b, commands=commands, patience=2)
         expect(r.report["status"] == 124 and "no answer" in r.err, "status %s: %s" % (r.report["status"], r.err))
         expect(r.devices[0]["unreaped"] == 0 and not os.path.exists(b.path("out.spool")), "something is left: %s" % r.devices[0])
 

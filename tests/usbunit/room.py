@@ -162,14 +162,14 @@ def commands():
 
 def no_answer():
     with Run(scanner(source="pattern 1 MB", on_command=True, faults=["at step start silent"])) as b:
-        r = b.tool(commands=COMMANDS, timeout="0.3", fail=(124, "sEN LMDscandata 1", "0 bytes came", "300 ms"))
+        r = b.tool(commands=COMMANDS, timeout="2", fail=(124, "sEN LMDscandata 1", "0 bytes came", "2000 ms"))
         expect(r.devices[0]["releases"] == 1, "it was not released")
     with Run(scanner(source="pattern 1 KB", message=100)) as b:
-        r = b.tool(commands=COMMANDS.replace("sEA", "sFA"), timeout="0.3", fail=(124, "bytes came: \""))
+        r = b.tool(commands=COMMANDS.replace("sEA", "sFA"), timeout="2", fail=(124, "bytes came: \""))
     with Run(scanner(source="pattern 1 MB", faults=["at step start refuse"])) as b:
         b.tool(commands=COMMANDS, fail=(74, "refused a command"))
     with Run(scanner(source="pattern 1 MB", faults=["at step start timeout"])) as b:
-        b.tool(commands=COMMANDS, timeout="0.3", fail=(124, "did not take a command"))
+        b.tool(commands=COMMANDS, timeout="2", fail=(124, "did not take a command"))
     with Run(scanner(source="pattern 1 MB", on_command=True, faults=["at step start unplug"])) as b:
         b.tool(commands=COMMANDS, fail=(4, "unplugged while it was started"))
     with Run(scanner(source="pattern 1 MB", faults=["at step start unplug"])) as b:

@@ -12,7 +12,7 @@ CLUSTER, TASK, SOURCE = os.environ["ACUT_CLUSTER"], os.environ["ACUT_TASK_PROGRA
 
 
 def run(*args, program=CLUSTER, cwd=None):
-    p = subprocess.run([program, *args], capture_output=True, text=True, cwd=cwd, timeout=60, env={**os.environ, "PATH": "/nowhere"})
+    p = subprocess.run([program, *args], capture_output=True, text=True, cwd=cwd, timeout=240, env={**os.environ, "PATH": "/nowhere"})
     return p.returncode, p.stdout, p.stderr
 
 

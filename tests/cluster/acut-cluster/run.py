@@ -99,14 +99,18 @@ def interrupted(base):
     survey, work = tiles(base + "/tiles", 20000), base + "/w"
     slow = base + "/slow"
     with open(slow, "w") as f:
-        f.write('#!/bin/sh\n[ -e %s/go ] || sleep 60\nexec %s "$@"\n' % (base, TASK))
+        f.write('#!/bin/sh\n[ -e %s/go ] || sleep 600\nexec %s "$@"\n' % (base, TASK))
     os.chmod(slow, 0o755)
 
     def start():
         p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
                              env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        e2e.until(lambda: os.path.exists(work + "/log/head-0"), "the head does not begin")
+        e2e.until(begun, "the head does not begin")
         return p
+
+    def begun():
+        """The log names the driver, so other commands see it."""
+        return os.path.exists(work + "/log/head-0") and "begins on" in open(work + "/log/head-0").read()
 
     p = start()
     s = show(work)

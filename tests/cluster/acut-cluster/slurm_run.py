@@ -76,7 +76,7 @@ class Held:
 def lost_in_each_phase(base, s, survey, wanted):
     """Eight runs, each in another phase when the nodes that they are on are lost."""
     held = [Held(base, s, survey, phase, "--sort") for phase in PHASES]
-    s.until("a task of each phase runs", lambda: all(h.node() for h in held), 120)
+    s.until("a task of each phase runs", lambda: all(h.node() for h in held))
     lost = sorted({h.node() for h in held})
     check("a node is left", len(lost) < 3, str(lost))
     for node in lost:
@@ -128,9 +128,9 @@ def one_file(base, s, d):
         """Of the tasks of gather, and how much is in the outputs."""
         parts = [base + "/" + name for name in os.listdir(base) if name.startswith(".m-one.")]
         held = [base + "/" + name for name in os.listdir(base) if name.startswith("held-")]
-        return [open(name).read().strip() for name in sorted(held)], sum(os.stat(name).st_blocks for name in parts)
+        return [name for name in (open(name).read().strip() for name in sorted(held)) if name], sum(os.stat(name).st_blocks for name in parts)
 
-    s.until("three tasks of gather write", lambda: len(nodes()[0]) == 3 and nodes()[1] and os.path.exists(gate.path("held")), 120)
+    s.until("three tasks of gather write", lambda: len(nodes()[0]) == 3 and nodes()[1] and os.path.exists(gate.path("held")))
     of = nodes()[0]
     check("three nodes write", len(set(of)) == 3, str(of))
     s.lose(of[0])
@@ -187,7 +187,7 @@ def three_nodes(base):
         work = base + "/w1"
         p = run(CLUSTER, "mesh", survey, "-o", base + "/m1.ply", "--work", work, "--on", "slurm", "--json", "--no-config", "--task-points", "60000", env=s.env)
         check("submitted", len(json.loads(p.stdout)["jobs"]) == len(PHASES) - 1, p.stdout)  # all but sort
-        s.until("the run is done", lambda: show(work, s.env)["state"] == "done", 120)
+        s.until("the run is done", lambda: show(work, s.env)["state"] == "done")
         same("Slurm", show(work, s.env)["result"], wanted)
         run(CLUSTER, "clean", work, env=s.env)
         kills, work = base + "/kills", base + "/w2"

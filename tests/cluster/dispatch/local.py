@@ -97,12 +97,17 @@ def at_once(base):
     check("start each task once", all(w.log(n).count(" begins on ") == 1 for n in os.listdir(w.path + "/log")), str(outs))
 
 
+def begun(w):
+    """The first log names the driver, so others see it."""
+    until(lambda: os.path.exists(w.path + "/log/a-0") and "begins on" in w.log("a-0"), "no task begins")
+
+
 def two(base):
     """A second driver watches while the first one lives, goes on when that is killed, and cancel ends it."""
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done; sleep 0.05')
     phases = ["a=6", "b=3"]
     p = w.start("wait", *phases)
-    until(lambda: os.path.exists(w.path + "/log/a-0"), "no task begins")
+    begun(w)
     q = w.start("wait", *phases)
     time.sleep(0.5)
     open(w.path + "/go", "w").close()
@@ -118,7 +123,7 @@ def two(base):
     check("and goes on", p.returncode == 0 and "b 3 0 0 0" in out and "again" not in out, out)
     w = Work(base, 'while [ ! -e "$w/go" ]; do sleep 0.1; done')
     p = w.start("wait", *phases)
-    until(lambda: os.path.exists(w.path + "/log/a-0"), "no task begins")
+    begun(w)
     q = w.start("wait", *phases)
     time.sleep(0.5)
     p.kill()
@@ -127,7 +132,7 @@ def two(base):
     check("it goes on", p.wait(PATIENCE) == -9 and q.returncode == 0 and len(w.done()) == 9, out)
     w = Work(base, 'exec sleep 50')
     p = w.start("wait", *phases)
-    until(lambda: os.path.exists(w.path + "/log/a-0"), "no task begins")
+    begun(w)
     q = w.start("cancel", *phases)
     check("cancel ends the driver", p.wait(PATIENCE) == 3 and q.wait(PATIENCE) == 0)
 

@@ -118,8 +118,7 @@ def memory(base, s):
 def node_lost(base, s):
     w = Work(base, s, 'echo $SLURMD_NODENAME >"$w/on-$i"; while [ ! -e "$w/go" ]; do sleep 0.1; done', "a=6", "b=1")
     p = w.start("wait")
-    s.until("tasks run", lambda: sum(r[2] == "RUNNING" and r[4] == "n2" for r in s.queue()) == 2)
-    time.sleep(1)
+    s.until("tasks run", lambda: [open(os.path.join(w.path, n)).read() for n in os.listdir(w.path) if n.startswith("on-")].count("n2\n") == 2)
     s.lose("n2")
     open(w.path + "/go", "w").close()
     out = p.communicate(timeout=200)[0]
@@ -144,11 +143,11 @@ def cancelled(base, s):
     # By somebody else, while it is waited for.
     w = Work(base, s, 'while [ ! -e "$w/go" ]; do sleep 0.2; done', "a=8", "b=1")
     p = w.start("wait")
-    s.until("tasks run", lambda: any(r[2] == "RUNNING" and r[3] in w.names() for r in s.queue()))
+    s.until("all are submitted, and tasks run", lambda: len(w.names()) == 9 and any(r[2] == "RUNNING" and r[3] in w.names() for r in s.queue()))
     time.sleep(1)
     for name in set(w.names()):
         s.run("scancel", "--name", name)
-    out = p.communicate(timeout=60)[0]
+    out = p.communicate(timeout=200)[0]
     check("scancel from outside ends the wait", p.returncode == 1 and "cancelled from outside" in out and "resume" in out, out)
     s.until("all is gone", lambda: not w.names())  # a task that still ends is not submitted again
     open(w.path + "/go", "w").close()
@@ -158,12 +157,15 @@ def cancelled(base, s):
 
 def controller(base, s):
     """The controller dies and comes back while tasks run; a driver that asks meanwhile goes on."""
-    w = Work(base, s, "sleep 5", "a=3", "b=1")
+    w = Work(base, s, 'while [ ! -e "$w/go" ]; do sleep 0.1; done', "a=3", "b=1")
     p = w.start("wait")
     s.until("tasks run", lambda: sum(r[2] == "RUNNING" for r in s.queue()) == 3)
     time.sleep(2)
     s.do("restart")
-    out = p.communicate(timeout=150)[0]
+    s.queue()  # it answers
+    time.sleep(2)
+    open(w.path + "/go", "w").close()
+    out = p.communicate(timeout=240)[0]
     check("the controller restarts", p.returncode == 0 and len(w.done()) == 4, out + w.logs())
     # Nodes that ran something then may be drained ("Duplicate jobid"): `show` has the command.
     for line in w.run("show")[1].splitlines():
@@ -172,7 +174,7 @@ def controller(base, s):
     s.until("all nodes are idle", lambda: s.run("sinfo", "-h", "-t", "idle", "-o", "%D").strip() == "3")
     p = w.start("wait")
     p.send_signal(signal.SIGTERM)
-    p.communicate(timeout=20)
+    p.communicate(timeout=200)
 
 
 def drained(base, s):

@@ -262,7 +262,7 @@ def too_many_tiles():
 
 
 def start(*words):
-    return subprocess.Popen([PHASES] + [str(w) for w in words], env=dict(os.environ, **ENV), stdout=subprocess.DEVNULL,
+    return subprocess.Popen([PHASES] + [str(w) for w in words], env=dict(os.environ, ACUT_CLUSTER_PATIENCE="60"), stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE)
 
 

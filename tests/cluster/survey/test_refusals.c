@@ -52,7 +52,7 @@ static void inputs_that_changed_are_refused_by_name(void **state)
 	unlink(in.path[5]);
 	assert_int_equal(mkfifo(in.path[5], 0600), 0);
 	err = ERR_INIT;
-	alarm(60);
+	alarm(100);
 	assert_true(survey_head(w, &p, &err) < 0);
 	alarm(0);
 	assert_non_null(strstr(told.all, "it is no regular file"));
