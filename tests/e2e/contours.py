@@ -675,7 +675,7 @@ def refused():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         las, out = survey(base), os.path.join(base, "r.gpkg")
         d.ctl("push", "s", las).ok()
-        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("submit", "s", "--wait").ok()
         d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
         other = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
         for words, args in ((("--interval 1m",), ("mesh", las, "-o", out)),

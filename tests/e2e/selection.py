@@ -7,7 +7,6 @@ import random
 import shutil
 import signal
 import struct
-import time
 
 import e2e
 from e2e import expect

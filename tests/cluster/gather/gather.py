@@ -102,7 +102,7 @@ class Both:
         files = inputs(base)
         self.base, self.d, self.k = base, d, 0
         self.work = Work(base, files, **kw)
-        got = d.ctl("dataset", "import", os.path.join(self.work.first, "dataset"), "s").ok()
+        d.ctl("dataset", "import", os.path.join(self.work.first, "dataset"), "s").ok()
         self.job = d.ctl("submit", "s", "--wait").ok().out.split()[0]
         self.shown = d.ctl("show", self.job, "--json").ok().json()
 
