@@ -23,16 +23,19 @@ wanted_packages() {
 	done <build-aux/packages
 }
 
-# find_missing KIND...: puts the packages that are missing into $missing, and asks for the right to install them, if there are any.
+# find_missing KIND...: puts the packages that are missing into $missing.
 find_missing() {
-	local names
+	local names name installed
 	command -v dpkg-query >/dev/null ||
 		die "this set-up knows Debian packages only; install those of build-aux/packages by hand"
 	names=$(wanted_packages "$@")
+	# Its status is that of names it does not know.
 	# shellcheck disable=SC2086
-	missing=$(dpkg-query -W -f='${Package}:${Status}\n' $names 2>/dev/null | sed -n 's/:[a-z]* ok installed$//p' |
-		sort -u - | comm -13 - <(sort -u <<<"$names") | sed 's/^/ /' | tr -d '\n') || true # its status is that of names it does not know
-	[ -z "$missing" ] || as_root true || die "these packages are missing, and sudo does not allow to install them:$missing"
+	installed=$(dpkg-query -W -f='${Package}:${Status}\n' $names 2>/dev/null | sed -n 's/:[a-z]* ok installed$//p') || true
+	missing=""
+	for name in $names; do
+		grep -qxF -e "$name" <<<"$installed" || missing="$missing $name"
+	done
 }
 
 # install_packages KIND...: what is missing of them, and nothing else.

@@ -73,8 +73,9 @@ int session_interrupted(void *ctx);
 int session_caught(void); /* number of the signal, or 0 */
 bool session_late(const struct session *);
 /* Standard input ended because all that held the other ends is gone, as with a broken connection of ssh: its end is no end. Known
- * by what else came over it: the socket's other direction, or standard output and error. */
-bool session_cut_off(void);
+ * by what else came over it: the socket's other direction, or standard output and error. If only standard output is gone it waits
+ * for 5 s; session_interrupted ends that. */
+bool session_cut_off(struct session *);
 
 /* ---- progress ---- */
 

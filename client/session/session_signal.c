@@ -49,7 +49,7 @@ bool session_late(const struct session *session)
 	return session->opt.timeout > 0 && clock_since(session->begun_ns) >= session->opt.timeout;
 }
 
-bool session_cut_off(void)
+bool session_cut_off(struct session *session)
 {
 	struct stat st;
 	bool other, gone;
@@ -58,9 +58,14 @@ bool session_cut_off(void)
 		return false;
 	if (S_ISSOCK(st.st_mode))
 		return console_is_gone(STDIN_FILENO, 0, &other);
-	gone = S_ISFIFO(st.st_mode) && console_is_gone(STDOUT_FILENO, 0, &other);
-	/* sshd closes standard output, input and error in this order, and other programs may run between. */
-	return gone && (console_is_gone(STDERR_FILENO, 5000, &other) || other);
+	if (!S_ISFIFO(st.st_mode) || !console_is_gone(STDOUT_FILENO, 0, &other))
+		return false;
+	/* sshd closes standard output, input and error in this order, and other programs may run between. Where only standard
+	 * output was closed, by somebody else, this costs the time. */
+	gone = false;
+	for (int i = 0; i < 50 && !gone && !session_interrupted(session); i++)
+		gone = console_is_gone(STDERR_FILENO, 100, &other) || other;
+	return gone;
 }
 
 int session_interrupted(void *ctx)

@@ -303,7 +303,7 @@ static int commit(struct staging *s)
 	return 0;
 }
 
-/* A stream over a broken connection ends like a complete one. */
+/* A stream over a broken connection ends like a complete one. An interruption while that is found out ends the push. */
 static int whole(struct staging *s)
 {
 	struct err err = ERR_INIT;
@@ -311,8 +311,14 @@ static int whole(struct staging *s)
 
 	for (size_t i = 0; i < s->in->n; i++)
 		piped |= s->in->input[i].fd >= 0;
-	if (!piped || !session_cut_off())
+	if (!piped)
 		return 0;
+	if (!session_cut_off(s->session)) {
+		if (!session_interrupted(s->session))
+			return 0;
+		err_set(&err, ERR_CANCELLED, "interrupted before the commit");
+		return session_error(s->session, &err);
+	}
 	s->cut = s->in->n == 1; /* what came is of no use */
 	err_set(&err, ERR_TRUNCATED, "the connection that it came over is gone, so that it may not be whole; nothing was taken");
 	err_add_file(&err, "standard input");

@@ -208,7 +208,7 @@ typedef void dataset_action_fn(void *token, const struct err *why, struct datase
 /*
  * Changes what the row of a dataset says. Needs RIGHT_OWN, DATASET_CHOWN needs RIGHT_CHOWN. A removed dataset is hidden and its
  * name is free; it can be restored for core_limits.keep_removed. A pinned dataset can be neither removed nor pruned. -ERR_USAGE,
- * -ERR_PERM, -ERR_NOTFOUND, -ERR_CONFLICT, -ERR_BUSY: a push is open.
+ * -ERR_PERM, -ERR_NOTFOUND, -ERR_CONFLICT, -ERR_BUSY: a push is open, or a revert or other change is not over.
  */
 void dataset_act(struct datasets *, const struct dataset_action_params *, dataset_action_fn *answer, void *token);
 

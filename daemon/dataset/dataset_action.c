@@ -7,7 +7,7 @@
  *
  * The loop changes the dataset in memory, then its row. The catalogue keeps the order of changes, so a name is free on the disk
  * before another dataset has it. While a row with the next manifest is on its way, an action waits: its own row would name the
- * old manifest, whose files are about to be removed. A removal waits for whoever makes that manifest, as a merge does unasked.
+ * old manifest, whose files are about to be removed. A removal waits for the manifest of a merge, too, which nobody asked for.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -44,9 +44,9 @@ static int check_remove(const struct dataset *d, struct err *err)
 		err_set(err, ERR_CONFLICT, "the dataset %s is pinned", d->name);
 		return err_add_hint(err, "acutctl dataset unpin %s lets it go", d->name);
 	}
-	if (!d->pushes)
+	if (!d->pushes && !d->reverts && (!d->committer || merge_commits(d)))
 		return 0;
-	err_set(err, ERR_BUSY, "a push into the dataset %s is open", d->name);
+	err_set(err, ERR_BUSY, "a push into the dataset %s is open, or it is being changed", d->name);
 	return err_add_hint(err, "remove it when that is over");
 }
 
@@ -152,7 +152,7 @@ static void action_set(struct dataset *d, const struct dataset_action_params *p,
 	}
 }
 
-/* ACTION_WAITS: a row of the dataset is on its way, or the manifest before it. */
+/* ACTION_WAITS: a row of the dataset is on its way, or the manifest of a merge. */
 static int action_apply(struct datasets *ds, const struct dataset_action_params *p, struct action *a, struct err *err)
 {
 	struct dataset *d;

@@ -205,3 +205,8 @@ bool merge_at_work(const struct dataset *d)
 {
 	return d->datasets->merge && d->datasets->merge->dataset == d;
 }
+
+bool merge_commits(const struct dataset *d)
+{
+	return merge_at_work(d) && d->committer == &d->datasets->merge->change;
+}

@@ -36,7 +36,7 @@ struct datasets {
 	double merge_delay;                /* seconds that the last merge was postponed for lack of space; 0: it was not */
 	struct dataset_change *changes;    /* a queue: changes whose dataset has another committer */
 	struct dataset_lines *lines;       /* changes that wait for memory to make a line set */
-	struct action *actions;            /* a queue: actions that wait for the next manifest or row of their dataset */
+	struct action *actions;            /* a queue: actions that wait for a row of their dataset, or a merge's manifest */
 };
 
 /* dataset.c */
@@ -74,6 +74,7 @@ void dataset_obsolete_free_all(struct datasets *); /* the daemon ends; the next 
 bool merge_due(const struct grid_manifest *);
 bool merge_due_likely(uint32_t segments); /* without the manifest */
 bool merge_at_work(const struct dataset *);
+bool merge_commits(const struct dataset *); /* it writes the next manifest, which takes no longer than a push's */
 void dataset_merge_settle(struct datasets *);
 
 /* dataset_rewrite.c */

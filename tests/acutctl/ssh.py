@@ -152,8 +152,9 @@ def statuses(base, box, d):
         expect(status == 0 or got[1] == b"", "an error on standard output: %s" % (got,))
 
 
-def ends_one_after_the_other(d):
-    """A stream without ssh, whose ends are closed as sshd closes them, with time between."""
+def ends_one_after_the_other(d, finish):
+    """A stream without ssh, whose ends are closed as sshd closes them: standard error only by finish(p, err), which runs when acutctl
+    waits for that. Its exit status."""
     (stdin, feed), (out, stdout), (err, stderr) = (os.pipe() for _ in range(3))
     p = subprocess.Popen([ACUTCTL, "push", "new", "-", "--input-format", "xyz"], stdin=stdin, stdout=stdout, stderr=stderr,
                          env=dict(os.environ, ACUT_SOCKET=d.socket))
@@ -162,9 +163,9 @@ def ends_one_after_the_other(d):
     os.write(feed, b"0 0 1\n10 0 2\n0 10 3\n")
     os.close(out)
     os.close(feed)
-    time.sleep(0.1)
-    os.close(err)
-    p.wait(e2e.PATIENCE)
+    time.sleep(1)  # of the five that it waits
+    finish(p, err)
+    return p.wait(e2e.PATIENCE)
 
 
 def cut_off(base, box, d):
@@ -181,8 +182,10 @@ def cut_off(base, box, d):
             cut(p, data, mark, d)
             got = names()
             expect(got.get("valley") == before["valley"] and got.get("new", 0) == 0, "a half of %s: %s" % (kind, got))
-    ends_one_after_the_other(d)
-    expect(names().get("new", 0) == 0, "ends that were closed one after the other: %s" % names())
+    status = ends_one_after_the_other(d, lambda p, err: os.close(err))
+    expect(status == 1 and names().get("new", 0) == 0, "ends that were closed one after the other: %s, %s" % (status, names()))
+    status = ends_one_after_the_other(d, lambda p, err: p.send_signal(signal.SIGTERM))
+    expect(status == 128 + signal.SIGTERM and names().get("new", 0) == 0, "interrupted between the ends: %s, %s" % (status, names()))
     # Later the whole file is pushed.
     p = box.run("push", "new", "-", "--input-format", "xyz", "--name", "cut", data=text)
     expect(p[0] == 0 and names()["new"] == 1 and d.ctl("dataset", "show", "new", "--json").json()["points"] == 40000, "%s" % (p,))

@@ -1,6 +1,7 @@
 /*
  * Requests about a whole dataset, in one process: permissions, turns of committers, failures, and what is kept for jobs.
  */
+#include "dataset_rewrite.h"
 #include "fixture.h"
 #include "job_priv.h"
 
@@ -96,30 +97,64 @@ static void test_rights(void **state)
 	assert_int_equal(d->uid, me.uid);
 }
 
-/* Reverts wait for another committer, and a removal for them. */
+/* A revert waits for another committer; a removal is refused meanwhile. */
 static void test_turns(void **state)
 {
-	struct dataset_action_params removal = {.action = DATASET_REMOVE, .name = "s", .as = "", .peer = me};
 	struct dataset *d = push("s", 100, 1);
 	int before = result.answers, x;
 
 	d->committer = &x;
 	dataset_revert(d, 0, &me, reverted, NULL);
 	dataset_revert(d, 2, &me, reverted, NULL);
-	dataset_act(h.service->datasets, &removal, changed, NULL);
+	for (int i = 0; i < 20; i++)
+		turn(1);
+	assert_int_equal(result.answers, before);
+	assert_int_equal(act(DATASET_REMOVE, "s", &me), ERR_BUSY);
+	assert_int_equal(result.answers, ++before);
+	d->committer = NULL;
+	turn_until(result.answers == before + 2);
+	assert_int_equal(result.why.code, 0); /* the second revert undoes the first */
+	assert_int_equal(d->generation, 3);
+	assert_int_equal(d->files, 1);
+	assert_null(d->committer);
+	assert_int_equal(manifests(d), 1);
+	dataset_release(d);
+}
+
+/* A removal waits while a merge writes its manifest, and is not refused for what nobody asked for. */
+static void test_removal_after_merge(void **state)
+{
+	struct datasets *ds = h.service->datasets;
+	struct dataset *d = push("s", 100, 1);
+	struct dataset_rewrite merge = {.dataset = d, .state = REWRITE_COMMITTING};
+	struct dataset_action_params removal = {.action = DATASET_REMOVE, .name = "s", .as = "", .peer = me};
+	int before = result.answers;
+
+	ds->merge = &merge;
+	d->committer = &merge.change;
+	dataset_act(ds, &removal, changed, NULL);
 	for (int i = 0; i < 20; i++)
 		turn(1);
 	assert_int_equal(result.answers, before);
 	assert_int_equal(d->removed_us, 0);
 	d->committer = NULL;
-	turn_until(result.answers == before + 3);
+	turn_until(result.answers > before);
+	ds->merge = NULL;
 	assert_int_equal(result.why.code, 0);
 	assert_true(d->removed_us > 0);
-	assert_int_equal(d->generation, 3); /* the second revert undoes the first */
-	assert_int_equal(d->files, 1);
-	assert_null(d->committer);
-	assert_int_equal(manifests(d), 1);
 	dataset_release(d);
+}
+
+/* A revert that has not ended keeps its dataset, also where it gives up its turn for a moment. */
+static void test_removal_beside_revert(void **state)
+{
+	struct dataset *d = push("s", 100, 1);
+
+	d->reverts++;
+	assert_int_equal(act(DATASET_REMOVE, "s", &me), ERR_BUSY);
+	d->reverts--;
+	dataset_release(d);
+	assert_int_equal(act(DATASET_REMOVE, "s", &me), 0);
 }
 
 /* A manifest whose name somebody is about to open stays. */
@@ -227,6 +262,8 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(test_rights, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_turns, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_removal_after_merge, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_removal_beside_revert, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_readers, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_left, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_failure, setup, teardown),

@@ -3,6 +3,7 @@
 underscore, which some code or build file must have. The same for files and names that pages cite as code."""
 import os
 import re
+import subprocess
 import sys
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -21,11 +22,17 @@ PAGES = re.compile(r"^(?:docs/design/\w+|ARCHITECTURE|HACKING)\.md$")
 CODE = re.compile(r"```.*?```|`([^`\n]+)`", re.S)
 
 
-def tree():
-    """All files but those of build folders, by their paths from the root. Without git, since an archive of the source has none."""
+def tracked():
+    """The files of the source, by their paths from the root. An archive of it has no .git, and git may be missing."""
+    try:
+        run = subprocess.run(["git", "ls-files"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
+        return run.stdout.decode().split()
+    except (FileNotFoundError, subprocess.CalledProcessError):
+        found = []
     for folder, names, files in os.walk(ROOT):
         names[:] = [n for n in names if not n.startswith((".", "build", "obj-", "fuzz-corpus")) or n == "build-aux"]
-        yield from (os.path.relpath(os.path.join(folder, f), ROOT) for f in files)
+        found += (os.path.relpath(os.path.join(folder, f), ROOT) for f in files)
+    return found
 
 
 def headings(path):
@@ -77,7 +84,7 @@ def pages_wrong(files, bases, code):
 
 
 def main():
-    files = list(tree())
+    files = tracked()
     names = {os.path.basename(f) for f in files} | FOREIGN
     pages = {os.path.basename(f): headings(f) for f in files if f.endswith(".md")}
     sections = {h.split(".")[0] for h in pages["algorithm.md"]}

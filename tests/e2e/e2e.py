@@ -124,6 +124,23 @@ def end_daemons(base):
                 os.kill(int(pid), signal.SIGKILL)
 
 
+def lose_domains(d):
+    """Removes all stored domains of a daemon that runs, and may write some, and make the folder itself."""
+    folder = os.path.join(d.cache, "domains")
+    until(lambda: run(["rm", "-rf", folder]).status == 0, "acutd writes all the time")
+    os.makedirs(folder, exist_ok=True)
+
+
+def resident(pid):
+    """Bytes that are resident. Other files of /proc have it without the last pages of each processor, and this one is not everywhere."""
+    try:
+        with open("/proc/%d/smaps_rollup" % pid) as f:
+            return next(int(line.split()[1]) for line in f if line.startswith("Rss:")) << 10
+    except OSError:
+        with open("/proc/%d/statm" % pid) as f:
+            return int(f.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
 def files_of(pid):
     """The paths of the descriptors that a process has open, in order, and without those that it closes meanwhile."""
     folder, found = "/proc/%d/fd/" % pid, []

@@ -402,12 +402,11 @@ def soak(seconds, seed):
             warm(world, d)
             remove_jobs(d)
             before = quiet(d)
-            # Status has it without the last pages of each processor.
-            samples = [proc_number(d.process.pid, "smaps_rollup", "Rss") << 10]
+            samples = [e2e.resident(d.process.pid)]
             for i in range(rounds):
                 a_round(world, d, "%s round %d" % (seed, i), seconds / rounds)
                 after = quiet(d)
-                samples.append(proc_number(d.process.pid, "smaps_rollup", "Rss") << 10)
+                samples.append(e2e.resident(d.process.pid))
                 check_same(before, after, "after round %d" % (i + 1), ("ledger, for the jobs that are there",))
             print("done:", ", ".join("%d %s" % (n, k) for k, n in sorted(world.done.items())))
             print("lost races:", dict(world.races))
