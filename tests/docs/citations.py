@@ -25,11 +25,11 @@ CODE = re.compile(r"```.*?```|`([^`\n]+)`", re.S)
 def tracked():
     """The files of the source, by their paths from the root. An archive of it has no .git, and git may be missing."""
     try:
-        run = subprocess.run(["git", "ls-files"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
-        return run.stdout.decode().split()
-    except (FileNotFoundError, subprocess.CalledProcessError):
+        run = subprocess.run(["git", "ls-files"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
+        found = run.stdout.decode().split()
+    except FileNotFoundError:
         found = []
-    for folder, names, files in os.walk(ROOT):
+    for folder, names, files in os.walk(ROOT) if not found else ():
         names[:] = [n for n in names if not n.startswith((".", "build", "obj-", "fuzz-corpus")) or n == "build-aux"]
         found += (os.path.relpath(os.path.join(folder, f), ROOT) for f in files)
     return found

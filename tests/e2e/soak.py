@@ -271,8 +271,8 @@ def descriptors(pid):
     return dict(kinds)
 
 
-def proc_number(pid, file, key):
-    with open("/proc/%d/%s" % (pid, file)) as f:
+def status_number(pid, key):
+    with open("/proc/%d/status" % pid) as f:
         for row in f:
             if row.startswith(key + ":"):
                 return int(row.split()[1])
@@ -301,7 +301,7 @@ def held(d):
     time.sleep(0.3)  # the daemon hears that those who asked have gone
     return {
         "descriptors": descriptors(d.process.pid),
-        "threads": proc_number(d.process.pid, "status", "Threads"),
+        "threads": status_number(d.process.pid, "Threads"),
         "ledger": {k: v for k, v in status["ledger"].items() if k != "jobs"},
         "ledger, for the jobs that are there": status["ledger"].get("jobs", 0),
         "jobs running and waiting": (status["jobs_running"], status["jobs_waiting"]),
